@@ -35,14 +35,15 @@ class BagRecording:
         """Folder of the bag, and since when it takes messages; 0: not yet."""
 
     def facts(self) -> dict[str, Any]:
-        """For a page: whether it is on, since how long [s], the bag's name, and what went wrong."""
+        """For a page: whether it is on, since how long [s], the bag's name, what went wrong, and the node's name."""
         process = self._process
         code = process.poll() if process is not None else 0
         on = process is not None and code is None
         if on and not self._began and self._has_said("ready"):
             self._began = time.monotonic()
         seconds = int(time.monotonic() - self._began) if on and self._began else 0
-        return {"on": on, "seconds": seconds, "bag": self._bag.name, "trouble": self._trouble() if code else ""}
+        trouble = self._trouble() if code else ""
+        return {"on": on, "seconds": seconds, "bag": self._bag.name, "trouble": trouble, "node": NODE}
 
     async def start(self) -> str:
         """Begin to record; a line about it. Raises UserError where it records already, or can't."""

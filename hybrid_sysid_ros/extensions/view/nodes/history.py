@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from time import monotonic_ns
+from time import monotonic, monotonic_ns
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -28,6 +28,7 @@ TOPICS = (
     "/parameter_events",
 )  # fmt: skip
 REMEMBERED = 512  # measurements whose commands may yet come
+SILENT = 2.0  # s without a status of the controller
 STATUSES, VALUES = 40, 200  # tasks in the diagnostics, and numbers of each, at most
 
 
@@ -74,6 +75,8 @@ class SignalHistory:
         self.statuses: set[str] = set()
         """Names of the tasks that diagnostics have told of."""
         self.controller, self.weights = ControllerState(), dict[str, list[float]]()
+        self.heard = 0.0
+        """When the controller told its state last [s]; 0: not yet, or too long ago."""
         self.collectors = {topic: Collector(self._node, TYPES[topic], topic) for topic in TOPICS}
         given = {"steady": monotonic_ns, "silence": self._node.settings["silence"] * SECOND}  # whatever the stamps
         self.validators = {topic: MessageValidator(TYPES[topic], **given) for topic in TOPICS}
@@ -189,12 +192,20 @@ class SignalHistory:
             if (node, task) == ("controller", "loop"):
                 state, reason = self.controller.read(status.message, values)
                 self.tables.replace("controller", {"state": state, "reason": reason[:500]})
+                self.heard = monotonic()
 
     def _set(self, event: ParameterEvent) -> None:
         """Learn what somebody has set of the controller."""
         if event.node == self._node.resolve_service_name("controller"):
             changed = [*event.new_parameters, *event.changed_parameters]
             self.learn_weights({item.name: list(item.value.double_array_value) for item in changed})
+
+    def see_silence(self) -> None:
+        """Tell when the controller says nothing more: what it said last is no state of now."""
+        if self.heard and monotonic() - self.heard > SILENT:
+            self.heard = 0.0
+            reason = f"nothing has come from the controller for {SILENT:g} s"
+            self.tables.replace("controller", {"state": "silent", "reason": reason})
 
     def learn_weights(self, values: Mapping[str, list[float]]) -> None:
         """Parameters of the controller, of which only its weights are shown."""

@@ -170,6 +170,7 @@ class ViewNode(RigNode):
         self.weighed = there
         while self.answered:
             self.history.learn_weights(self.answered.popleft())
+        self.history.see_silence()
         tables.replace("recording", self.recording.facts())
         tables.replace(
             "there",

@@ -34,6 +34,7 @@ export function buildControls(ask) {
 
 function setter(output, ask) {
   const id = `setpoint-${output.name}`, row = made(element("setpoints"), "div", { class: "setpoint" });
+  row.hidden = output.low === output.high; // it is weighed, but stays where it is
   made(row, "label", { for: id }, words(output.name));
   const range = { min: output.low, max: output.high, step: "any" };
   const field = made(row, "input", { ...range, id, type: "number" });
@@ -106,8 +107,8 @@ export function tellControls(isOpen) {
   element("setpoints").classList.toggle("followed", kind === "set_point");
   const present = model.presentReference();
   setters.forEach((item, k) => {
-    const { output, slider, field } = item;
-    slider.disabled = field.disabled = !isOpen || !there.set_points || output.low === output.high;
+    const { slider, field } = item;
+    slider.disabled = field.disabled = !isOpen || !there.set_points;
     if (isSetting(k)) return;
     slider.value = present[k];
     if (document.activeElement !== field) field.value = fixed(present[k], 2);

@@ -3,7 +3,7 @@
 
 import { element, model } from "./model.js";
 
-const SIGNS = ["driving", "slowed", "holding", "resting", "stopped", "disarmed", "waiting", "lost"];
+const SIGNS = ["driving", "slowed", "holding", "resting", "stopped", "disarmed", "silent"];
 const ASKED = /service enable/; // in the reason of a state that somebody has asked for
 const AT_REST = ["stopped", "disarmed"];
 const UNREACHED = "Stop does not reach the rig from here";
@@ -15,7 +15,6 @@ function present() {
   const status = model.statuses.get("controller: loop");
   if (lost) return ["no connection", UNREACHED, "lost"];
   if (!status || !model.controller) return ["waiting", "no controller has said anything yet", "waiting"];
-  if (model.isSilent(status)) return ["silent", "nothing has come from the controller for 2 s", "lost"];
   const { state, reason } = model.controller, { ready } = model.values("controller: loop");
   const unready = state === "disarmed" && ready && ready !== "yes" ? `; not ready: ${ready}` : "";
   return [state, reason + unready || status.line, SIGNS.includes(state) ? state : "other"];

@@ -106,7 +106,8 @@ function rowOf({ name, level, words }) {
 }
 
 function tellStatuses() {
-  const rows = [...model.statuses].map(([name, status]) => {
+  const ended = model.recording?.on ? "" : model.recording?.node; // a recorder is silent when its bag has ended
+  const rows = [...model.statuses].filter(([, { node }]) => node !== ended).map(([name, status]) => {
     const silent = model.isSilent(status);
     return { name, level: silent ? "stale" : LEVELS[status.level] ?? "error", words: silent ? "silent" : status.line };
   });

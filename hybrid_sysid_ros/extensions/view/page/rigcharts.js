@@ -137,6 +137,7 @@ function drawable(chart, output, index, ask, isAsked) {
   pad.addEventListener("pointercancel", end);
   addEventListener("keydown", (event) => event.key === "Escape" && end(event));
   chart.overlay = (context, x, y, ratio) => {
+    pad.classList.toggle("ranged", Boolean(chart.full()));
     pad.hidden = !model.there.set_points || output.low === output.high;
     if (!pad.hidden) paintZone(chart, output, context, x, y, ratio);
     if (!curve) return;
@@ -159,15 +160,16 @@ function paintZone(chart, output, context, x, y, ratio) {
   if (!chart.full()) return;
   context.fillStyle = context.strokeStyle = colour("asked");
   context.font = `${11 * ratio}px system-ui`;
+  context.textAlign = "left";
+  context.textBaseline = "alphabetic";
   context.lineWidth = 1.5 * ratio;
   context.setLineDash([6 * ratio, 4 * ratio]);
-  for (const [value, name, above] of [[output.high, "highest", -4], [output.low, "lowest", 13]]) {
+  for (const [value, name, below] of [[output.high, "highest", 13], [output.low, "lowest", -4]]) {
     context.beginPath();
     context.moveTo(x(clock.now - clock.back), y(value));
     context.lineTo(begin + width, y(value));
     context.stroke();
-    const inside = y(value) + above * ratio > 12 * ratio && above < 0 ? above : above < 0 ? 13 : above;
-    context.fillText(`${name} set-point ${fixed(value, 2)} ${output.unit}`, x(clock.now - clock.back) + 6 * ratio, y(value) + inside * ratio);
+    context.fillText(`${name} set-point ${fixed(value, 2)} ${output.unit}`, x(clock.now - clock.back) + 6 * ratio, y(value) + below * ratio);
   }
 }
 

@@ -82,7 +82,7 @@ class ShownRig:
         nodes = ("plant", "controller", "reference")
         tables.replace("there", {"services": self.services, "nodes": nodes, "set_points": True})
         tables.replace("weights", {"output_weight": [100.0], "rate_weight": [1.0], "input_weight": [0.0]})
-        tables.replace("recording", {"on": False, "seconds": 0, "bag": "", "trouble": ""})
+        tables.replace("recording", {"on": False, "seconds": 0, "bag": "", "trouble": "", "node": "view_recorder"})
         status = {"node": "controller", "task": "loop", "level": 1, "line": "late", "values": self.values}
         tables.replace("status controller", status)
         sound = {"node": "plant", "task": "loop", "level": 0, "line": "running", "values": {"brake": "[0.0, 0.0]"}}

@@ -271,6 +271,8 @@ def test_a_page_is_told_the_state_of_the_controller(bench: Bench, view: ViewNode
     reports.publish(DiagnosticArray(status=[status]))
     seen = Seen(page).until(lambda it: "controller" in it.news)
     assert seen.news["controller"] == {"state": "slowed", "reason": "the model is off"}
+    view.history.heard -= 60.0  # s
+    seen.until(lambda it: it.news["controller"]["state"] == "silent")
 
 
 def test_without_a_reference_node_a_set_point_is_refused(bench: Bench, view: ViewNode, page: ClientConnection) -> None:
