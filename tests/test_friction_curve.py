@@ -22,5 +22,5 @@ def test_the_curve_is_the_law_s() -> None:
 
 
 def test_what_has_no_one_curve_is_refused() -> None:
-    with pytest.raises(UserError, match="one velocity that rubs"):
+    with pytest.raises(UserError, match="needs one velocity"):
         friction_curve(load("flexible_joint").system, np.ones(1))

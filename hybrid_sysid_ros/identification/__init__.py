@@ -1,4 +1,4 @@
-"""Records out of bags, fitting, scores, judgement."""
+"""Identification: models are fitted to records, scored and validated."""
 
 from hybrid_sysid_ros.identification.experiment import PreparedRecord, prepare
 from hybrid_sysid_ros.identification.identify import evaluate, identify

@@ -1,4 +1,4 @@
-"""A least-squares problem of many rows as one of few, which an optimiser can't tell from it."""
+"""Condensing: a least-squares problem of many rows becomes an equivalent one of few rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hybrid_sysid_ros.support.errors import UserError
 Function = Callable[[Array], Array]
 
 SHIFTS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
-"""Of the largest diagonal entry of the normal equations, added to all, until rounding leaves them positive definite."""
+"""Shares of the largest diagonal entry, added to the diagonal until the normal equations are positive definite."""
 
 
 class CondensedResiduals:
@@ -21,9 +21,9 @@ class CondensedResiduals:
 
         f~ = (|f|, 0, ..., 0),   J~ = [f'J / |f|; R],   R'R = J'J - J'f f'J / f'f       n + 1 rows
 
-    |f|, J'f and J'J stay what they are, and steps depend on nothing else. Normal equations and their Cholesky factor
-    cost a sixth of the singular value decomposition of J, of which the optimiser then makes one of R alone; they square
-    the condition of J, so this is for problems whose priors hold every direction.
+    |f|, J'f and J'J do not change, and an optimiser's steps depend on nothing else. Normal equations and their Cholesky
+    factor cost a sixth of the singular value decomposition of J; the optimiser then decomposes R alone. They square the
+    condition number of J, so every direction needs a prior.
     """
 
     def __init__(self, residuals: Function, jacobian: Function) -> None:
@@ -44,18 +44,18 @@ class CondensedResiduals:
         return np.asarray(np.vstack([along, _root(jacobian.T @ jacobian - np.outer(along, along))]))
 
     def _at(self, point: Array) -> Array:
-        """f, which the optimiser asks for before it asks for J at the same point."""
+        """The residuals f; the optimiser asks for them before it asks for J at the same point."""
         if not np.array_equal(point, self._point):
             self._point, self._errors = point.copy(), self._residuals(point)
         return self._errors
 
 
 def _root(normal: Array) -> Array:
-    """R of normal = R'R."""
+    """The factor R of normal = R'R. Raises UserError where there is none."""
     largest = normal.diagonal().max()
     for shift in SHIFTS:
         try:
             return np.asarray(cholesky(normal + shift * largest * np.eye(len(normal)), check_finite=False))
         except LinAlgError:
             continue
-    raise UserError("identification: the errors do not tell what is learned; take fewer units")
+    raise UserError("identification: the errors do not determine the learned part; take fewer units")

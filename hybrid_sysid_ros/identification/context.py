@@ -1,4 +1,4 @@
-"""Fit context: the records of a fit, resampled once, and all else that it depends on."""
+"""Fit context: the records of a fit, resampled once, and everything else on which the fit depends."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Context:
-    """What :class:`~hybrid_sysid_ros.models.fit.FitContext` says."""
+    """The context of a fit, see :class:`~hybrid_sysid_ros.models.fit.FitContext`."""
 
     rig: Rig
     sampling: Sampling
@@ -33,7 +33,7 @@ class Context:
     progress: FitProgress | None = None
     records: Sequence[Record]
     resampled: Sequence[ResampledRecord] = field(default=())
-    """The same at the sampling; by default they are resampled here."""
+    """The records at the sampling; by default they are resampled here."""
 
     def __post_init__(self) -> None:
         if not self.resampled:
@@ -63,7 +63,7 @@ class Context:
             **settings,
         }
         if given["unstable"] is not None and self.options.get("input_bias"):
-            raise UserError(f"input_bias: {self.rig.name} is unstable, and windows tell no bias: leave it out")
+            raise UserError(f"input_bias: {self.rig.name} is unstable, and short windows show no bias: leave it out")
         fits, reasons = [], []
         for system in systems:
             try:
@@ -79,11 +79,11 @@ class Context:
 
     @property
     def unstable(self) -> UnstableFitSettings | None:
-        """How a rig is fitted that needs a stabiliser."""
+        """Settings of the fit of a rig that needs a stabiliser; None for other rigs."""
         return unstable_settings(self.rig)
 
     def _unbiased_fit(self, system: System, **settings: Any) -> Fit:
-        """The fit of a system, with a bias of each record's inputs beside it where that is asked for."""
+        """The fit of a system, with a bias of the inputs in each record where the option asks for it."""
         spreads = float(self.options.get("input_bias", 0.0)) * np.diff(self.rig.limits, axis=0)[0]
         if not np.any(spreads):
             return self.fit(system, **settings)

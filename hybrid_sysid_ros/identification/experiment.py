@@ -1,4 +1,4 @@
-"""A record made ready for simulation: inputs on the simulation's step, outputs at the scored samples."""
+"""A record that is resampled for simulation: inputs at the simulation's step, outputs at the scored samples."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ SMOOTHING_SECONDS = 0.051
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResampledRecord:
-    """A record on the grid of a simulation, of which any system takes its states."""
+    """A record on the grid of a simulation, from which the states of any system can be computed."""
 
     name: str
     sampling: Sampling
     inputs: Array
-    """Over each step, (steps, inputs)."""
+    """Mean inputs over each step, (steps, inputs)."""
     outputs: Array
-    """Raw ones at the scored samples, (samples, outputs)."""
+    """Raw outputs at the scored samples, (samples, outputs)."""
     rates: Array
-    """Savitzky-Golay rates of the outputs there, (samples, outputs)."""
+    """Savitzky-Golay rates of the outputs at these samples, (samples, outputs)."""
     means: Array
     """Mean inputs from each sample to the next, the last one twice, (samples, inputs)."""
     measured: NDArray[np.bool_] | None
     """Which samples were measured, (samples,); None for all."""
 
     def experiment(self, system: System) -> PreparedRecord:
-        """With the states of a system. Raises UserError where the record's channels are not those of the system."""
+        """The record with the states of a system. Raises UserError where its channels don't fit the system."""
         _check_channels(self.name, self.inputs, self.outputs, system)
         states = system.record_map().states_from_record(self.outputs, self.rates, self.means)
         return PreparedRecord(
@@ -54,15 +54,14 @@ class ResampledRecord:
 def prepare(record: Record, system: System, sampling: Sampling) -> PreparedRecord:
     """Resample a record for a system.
 
-    Raises UserError where its channels are not those of the system, it is too short, or its rate does not fit the
-    sampling.
+    Raises UserError where its channels don't fit the system, it is too short, or its rate does not fit the sampling.
     """
     _check_channels(record.name, record.input, record.output, system)
     return resample(record, sampling).experiment(system)
 
 
 def resample(record: Record, sampling: Sampling) -> ResampledRecord:
-    """A record at a sampling. Raises UserError where it is too short, or its rate does not fit the sampling."""
+    """Resample a record. Raises UserError where it is too short, or its rate does not fit the sampling."""
     period = record.sampling_time
     sampled = "the record's sampling time"
     every = _ratio(sampling.period, period, record.name, "the scored period", sampled)
@@ -102,7 +101,7 @@ def _check_channels(name: str, inputs: Array, outputs: Array, system: System) ->
 
 
 def check_range(experiment: PreparedRecord, system: System) -> None:
-    """Raise UserError for an experiment that leaves the range in which a system may be used, with what left it."""
+    """Raise UserError for an experiment in which a state or input leaves the system's range, naming it."""
     states = experiment.states
     for item, value in system.trained_on(states.min(axis=0), states.max(axis=0)).outside:
         note = f" ({item.description})" if item.description else ""

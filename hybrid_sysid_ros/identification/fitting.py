@@ -30,9 +30,9 @@ from hybrid_sysid_ros.support.errors import UserError
 
 @dataclass(frozen=True, kw_only=True)
 class Biased(Wrapper):
-    """x' = f(x, u + S b),  b' = 0: a state b for each input, which no record shows and each begins with one of its own.
+    """x' = f(x, u + S b),  b' = 0: a state b for each input, which no record shows and whose value each record has.
 
-    As a fit's initial states are nuisances with priors, so is b, which counts in its prior deviation S.
+    A fit's initial states are nuisances with priors, and so is b, in units of its prior deviation S.
     """
 
     spreads: tuple[float, ...]
@@ -47,31 +47,31 @@ class Biased(Wrapper):
         return [value + spread * b for value, spread, b in zip(u, self.spreads, biases, strict=False)]
 
     def biases(self, nuisances: Mapping[str, Array]) -> dict[str, Array]:
-        """Of each input in each record, (records,) in its unit, from what a fit added to the initial states."""
+        """Bias of each input in each record, (records,) in its unit, from the fitted corrections of initial states."""
         return {
             item.name: spread * nuisances[f"bias_{item.name}"]
             for item, spread in zip(self.inputs, self.spreads, strict=True)
         }
 
     def record_map(self) -> RecordMap:
-        """That of the physics, with the biases among what no record tells."""
+        """The record map of the physics, with the biases among the unobserved states."""
         at = range(self._physical, self._physical + len(self.inputs))
         return replace(super().record_map(), unobserved=[*self.physics.record_map().unobserved, *at])
 
 
 LONGEST_LAG = 200
-"""Samples after which errors of a free run count as unrelated, at most; 10 s of the usual 50 ms."""
+"""Largest lag in samples at which errors of a free run count as correlated; 10 s at the usual 50 ms."""
 
 
 def covariances(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Covariance of a solution twice: as if the residuals were independent of deviation one, and robust.
+    """Two covariances of a solution (n, n): for independent residuals of deviation one, and a robust one.
 
-    jacobian (rows, n), residuals (rows,): the rows of record i are edges[i] to edges[i + 1], in time; those after
-    edges[-1] are priors. With H = J' J and the scores s_t = J_t e_t the robust one is
+    jacobian (rows, n), residuals (rows,): record i has the rows edges[i] to edges[i + 1], in order of time; the rows
+    after edges[-1] are priors. With H = J' J and the scores s_t = J_t e_t the robust one is
 
         H^-1 (sum_k w_k sum_t s_t s_{t+k}' + J_prior' J_prior) H^-1,   w_k = 1 - |k| / (L + 1), within a record,
 
-    which holds whatever the colour of the errors: Newey & West (1987), Econometrica 55(3); for free runs, whose errors
+    which holds for errors of any colour: Newey & West (1987), Econometrica 55(3); for free runs, whose errors
     are never white, Ljung (1999), System Identification, 2nd ed., section 9.2. L: a quarter of the shortest record, at
     most LONGEST_LAG.
     """
@@ -81,7 +81,7 @@ def covariances(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> 
     lags = int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
     for begin, end in pairwise(edges):
         scores = jacobian[begin:end] * residuals[begin:end, None]
-        # Sums over L + 1 samples, squared: the same as the weighted sum over lags.
+        # Squared sums over L + 1 samples equal the weighted sum over lags.
         total = np.cumsum(
             np.concatenate([np.zeros((lags + 1, scores.shape[1])), scores, np.zeros((lags, scores.shape[1]))]), 0
         )
@@ -94,17 +94,17 @@ FitProgress = Callable[[str, int, float], None]
 """progress(stage, evaluations, root mean square error relative to the output's deviation)"""
 
 STAGES: tuple[int | None, ...] = (20, 60, 200, None)
-"""Samples of the rollouts in each stage; None is the whole record. Short ones first keep the cost near convex."""
+"""Samples of the rollouts in each stage; None: the whole record. Short rollouts first keep the cost nearly convex."""
 
 ANCHOR = 3.0
-"""Spread of an anchored parameter, in standard deviations of the fit's own cost."""
+"""Prior deviation of an anchored parameter, in standard deviations of the earlier fit's cost."""
 
 ITERATIONS, COARSE, FINE = 40, 1e-3, 1e-6
-"""Limits of each stage. The last one of a physical structure is fine, for its parameters' sake; a network that is
-stopped early simulates unseen records as well, in half the time."""
+"""Limits of each stage. The last stage of a physical structure is fine, since its parameters have a meaning; a network
+that is stopped early predicts unseen records as well, in half the time."""
 
 MANY = 100
-"""Weights, which all have priors, from which on the optimiser is given a condensed problem."""
+"""Number of weights, which all have priors, above which the optimiser gets a condensed problem."""
 
 
 def fit(
@@ -124,13 +124,13 @@ def fit(
 ) -> Fit:
     """Fit the free parameters and weights of a system to several experiments at once.
 
-    anchor: an earlier fit of the same physics, about which its parameters then stay (within a few deviations): what the
-    physics can't explain is left to a network. ridge, hold: see
-    :class:`~hybrid_sysid_ros.identification.problem.FitProblem`. starts: points where the first stage begins, all but
-    the first random by ``seed``; the best one goes on. tolerance, iterations: of each stage, by default FINE in the
-    last one of a physical structure and COARSE elsewhere, and ITERATIONS. unstable: of an unstable rig, instead of
-    stages, see :class:`~.shooting.MultipleShootingProblem`. Trust-region least squares with bounds; the
-    Jacobian is exact and simulated in parallel threads.
+    anchor: an earlier fit of the same physics, near which its parameters stay (within a few deviations), so that a
+    network learns only the part that the physics can't explain. ridge, hold: see
+    :class:`~hybrid_sysid_ros.identification.problem.FitProblem`. starts: number of initial points of the first stage,
+    all but the first random by ``seed``; the best one continues. tolerance, iterations: limits of each stage, by
+    default FINE in the last one of a physical structure, COARSE elsewhere, and ITERATIONS. unstable: settings of an
+    unstable rig, which replace the stages, see :class:`~.shooting.MultipleShootingProblem`. The method is trust-region
+    least squares with bounds; the Jacobian is exact and simulated in parallel threads.
 
     Raises UserError for records without excitation or beyond the system's range, and where every simulation
     diverges.
@@ -147,7 +147,7 @@ def fit(
     problem.evaluations = 0
     began = time.perf_counter()
     points = problem.starts(starts, seed)
-    # The simulations are the parallel part: threads of linear algebra would only spin beside them.
+    # The simulations run in parallel: threads of linear algebra would only compete with them.
     with ThreadPoolExecutor(max_workers=threads.available()) as pool, threadpool_limits(1):
         for horizon in stages:
             problem.carry(points[0], horizon)
@@ -179,7 +179,7 @@ def fit(
 
 
 def _ranged(system: System, experiments: Sequence[PreparedRecord]) -> System:
-    """The system told the range of its training data."""
+    """The system, given the range of its training data."""
     for experiment in experiments:
         check_range(experiment, system)
     states = np.concatenate([experiment.states for experiment in experiments])
@@ -189,13 +189,13 @@ def _ranged(system: System, experiments: Sequence[PreparedRecord]) -> System:
 
 
 def _anchors(system: System, fitted: Fit) -> tuple[Array, Array]:
-    """Centres and spreads (free,) of parameters that stay about those of an earlier fit."""
+    """Prior centres and deviations (free,) of parameters from an earlier fit."""
     free = [i for i, item in enumerate(system.parameters) if item.name in fitted.names]
     return fitted.system.values[free], ANCHOR * fitted.spreads[: len(free)]
 
 
 def _solve(problem: FitProblem, horizon: int | None, point: Array, limits: tuple[float, int], run: Map) -> Any:
-    """limits: tolerance and iterations."""
+    """Solve one stage from a point. limits: tolerance and iterations."""
     tolerance, iterations = limits
     lower, upper = problem.bounds
     residuals, jacobian = problem.residuals(horizon), problem.jacobian(horizon, run)

@@ -1,4 +1,4 @@
-"""Grouping: what data tell of parameters that they can't tell apart."""
+"""Grouping: products of parameters that data determine, where they don't determine each parameter."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from hybrid_sysid_ros.support.arrays import Array
 DETERMINED = 0.3
 """Standard error of a direction, in that of the prior, below which the data determine it."""
 LEAST_PIVOT, NEAR_WHOLE = 0.2, 0.2
-"""Of an echelon form, and how near to a whole number an exponent is taken for it."""
+"""Least pivot of an echelon form, and the distance within which an exponent is rounded to a whole number."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterGroup:
-    """A product of powers of parameters that the data determine, where they don't determine these apart."""
+    """A product of powers of parameters that the data determine, while they don't determine each parameter."""
 
     exponents: Mapping[str, float]
-    """By parameter, whole numbers where they are near to some."""
+    """Exponents by parameter; they are whole numbers where they are close to some."""
     value: float
-    """In the units of the parameters."""
+    """Value of the product, in the units of the parameters."""
     relative_error: float
-    """Standard error, as part of the value."""
+    """Standard error relative to the value."""
 
     @property
     def content(self) -> dict[str, Any]:
-        """As plain data."""
+        """The group as plain data."""
         return {"exponents": dict(self.exponents), "value": self.value, "relative_error": self.relative_error}
 
     def __str__(self) -> str:
@@ -41,12 +41,12 @@ class ParameterGroup:
 
 
 def groups(fit: Fit) -> list[ParameterGroup]:
-    """Of the parameters with a prior, those products of powers that the data determine; none where these determine each
-    parameter, or no prior is the better known for them.
+    """Products of powers of the parameters with a prior that the data determine. There are none where the data
+    determine each parameter, or improve on no prior.
 
-    In parameters counted in deviations of their priors the data determine the directions of small variance, as the
-    curvature of the cost tells it; as exponents of the parameters these are rows of a matrix, which is brought to
-    echelon form in the order in which the parameters are declared. How sure a product is tells the robust covariance.
+    Measured in deviations of their priors, the parameters are determined in directions of small variance by the
+    curvature of the cost. Written as exponents these directions are rows of a matrix, which is brought to echelon form
+    in the order of the parameters. The standard error of a product comes from the robust covariance.
     """
     pairs = zip(fit.system.parameters, fit.system.values.tolist(), strict=True)
     known = {item.name: (item.spread, value) for item, value in pairs if item.spread and value > 0.0}
@@ -64,7 +64,7 @@ def groups(fit: Fit) -> list[ParameterGroup]:
     for row in _echelon(directions[:, determined].T * (values / spreads)):
         error = np.sqrt(max(float(row @ relative @ row), 0.0))
         away = np.abs(row - np.round(row))
-        whole = (away < NEAR_WHOLE) | (away * spreads / values < error)  # nobody could tell it from the whole number
+        whole = (away < NEAR_WHOLE) | (away * spreads / values < error)  # as good as the whole number
         exponents = np.where(whole, np.round(row), row)
         exponents = -exponents if np.sum(exponents) < 0.0 else exponents
         found.append(

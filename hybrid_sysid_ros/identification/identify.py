@@ -1,4 +1,4 @@
-"""From records to a model."""
+"""Identification of a model from records."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def identify(
 ) -> Model:
     """Fit a structure to parts of records.
 
-    part: of all records, or of each. options: by name, see
+    part: one part for all records, or one for each. options: values by name, see
     :func:`~hybrid_sysid_ros.models.structure.options_of`. Raises UserError for records that don't fit the sampling or
     don't excite the rig, and for an unknown structure or option.
     """
@@ -94,7 +94,7 @@ def identify(
 
 
 def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
-    """Of the strict free run; of an unstable rig of one run that its stabiliser closes.
+    """Scores of the strict free run, or for an unstable rig of one run in closed loop with its stabiliser.
 
     Raises UserError for a stabiliser that does not fit the sampling.
     """
@@ -106,14 +106,14 @@ def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
 
 
 def _biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:
-    """The biases of inputs that were fitted beside the parameters, by input and record."""
+    """The biases of inputs that were fitted with the parameters, by input and record."""
     biases = {name: dict(zip(records, values.tolist(), strict=True)) for name, values in fitted.biases.items()}
     return {"input_bias": biases} if biases else {}
 
 
 def checked(record: Record, rig: Rig, sampling: Sampling) -> ResampledRecord:
-    """A record at a sampling. Raises UserError where an input or output is constant, naming the channel, or leaves the
-    rig's range, and as :func:`~.experiment.resample` does.
+    """A record at a sampling. Raises UserError where an input or output is constant or leaves the rig's range, naming
+    the channel, and where :func:`~.experiment.resample` does.
     """
     for column, variable in enumerate(rig.system.inputs):
         if column < record.input.shape[1] and np.ptp(record.input[:, column]) == 0.0:
@@ -133,8 +133,8 @@ def checked(record: Record, rig: Rig, sampling: Sampling) -> ResampledRecord:
 def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
     """Strict free run of a model on (a part of) a record, scored on the raw output.
 
-    Raises UserError where the record does not fit the model's sampling, and UnstableError where an open free run says
-    nothing.
+    Raises UserError where the record does not fit the model's sampling, and UnstableError where an open free run is
+    meaningless.
     """
     experiment = experiment_of(model, record, part=part)
     check_free_run(model.system, experiment)
@@ -142,5 +142,5 @@ def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
 
 
 def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> PreparedRecord:
-    """A record made ready for a model, at the sampling that the model was identified at."""
+    """A record that is prepared for a model, at the model's sampling."""
     return prepare(part.of(record, model.sampling), model.system, model.sampling)

@@ -12,7 +12,7 @@ from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
 
 SHORTEST_PIECE = 20
-"""Scored samples of a piece of a record between two gaps: 1 s of the usual 50 ms."""
+"""Fewest scored samples of a piece of a record between two gaps: 1 s at the usual 50 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,20 +23,20 @@ class Part:
     stop: float = 1.0
 
     def of(self, record: Record, sampling: Sampling) -> Record:
-        """This part of a record, cut at its scored samples: all parts are then sampled at the same instants, wherever
-        they begin. An input that is read once a period tells of a jump beside the grid at once, or a period late.
+        """This part of a record, cut at scored samples, so that all parts are sampled at the same instants, wherever
+        they begin: an input that is read once a period shows a jump between samples up to a period late.
 
         Raises UserError where fewer than two samples are left.
         """
         return record.part(self.start, self.stop, every=scored_every(record, sampling))
 
     def first(self, record: Record, sampling: Sampling) -> int:
-        """The sample of a record where this part of it begins."""
+        """The index of the record's sample at which this part begins."""
         return record.cut(self.start, scored_every(record, sampling))
 
     @classmethod
     def parse(cls, text: str) -> Part:
-        """From "0:0.5". Raises UserError for anything else."""
+        """A part from a text such as "0:0.5". Raises UserError for anything else."""
         try:
             start, stop = (float(value) for value in text.split(":"))
         except ValueError:
@@ -47,14 +47,14 @@ class Part:
 
 
 def parts_of(records: Sequence[Record], part: Part | Sequence[Part], sampling: Sampling) -> list[Record]:
-    """A part of each record: one for all, or one for each. Raises UserError as :meth:`Part.of` does."""
+    """A part of each record; ``part`` is one for all or one for each. Raises UserError as :meth:`Part.of` does."""
     parts = [part] * len(records) if isinstance(part, Part) else part
     return [item.of(record, sampling) for record, item in zip(records, parts, strict=True)]
 
 
 def without_gaps(records: Sequence[Record], sampling: Sampling) -> list[Record]:
-    """Records, split where scored samples were not measured; of their pieces those that are long enough to tell
-    something. Raises UserError where nothing is left.
+    """The pieces of records between scored samples that were not measured, without pieces that are too short. Raises
+    UserError where none is left.
     """
     found = [piece for record in records for piece in _pieces(record, scored_every(record, sampling))]
     if records and not found:
@@ -73,5 +73,5 @@ def _pieces(record: Record, every: int) -> list[Record]:
 
 
 def scored_every(record: Record, sampling: Sampling) -> int:
-    """Samples of a record from one scored sample to the next."""
+    """Number of a record's samples from one scored sample to the next."""
     return max(1, round(sampling.period / record.sampling_time))

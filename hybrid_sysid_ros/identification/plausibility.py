@@ -1,4 +1,4 @@
-"""Plausibility: what a record says that its rig has hardly done."""
+"""Plausibility: values in a record that its rig can hardly have had."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 PASSED = 0.5
-"""Of an actuator's span, by which a measured input may pass its ends: noise, or a limit that is not quite the rig's."""
+"""Share of an actuator's span by which a measured input may exceed it, by noise or by a limit that is not exact."""
 AROUND = 7
-"""Samples whose median a spike is far from: it is three samples long at most."""
+"""Samples in the median from which a spike is far away; a spike has at most three samples."""
 MIDDLE, SPAN = (2.0, 98.0), 0.75
-"""By which share of its range a spike leaves the samples around it. The range is that of these medians, or between
-these percentiles where that is more: of an oscillation close to the Nyquist frequency there is no median.
+"""A spike is farther from the samples around it than a share of the range. The range is that of the medians, or between
+these percentiles where that is larger: medians of an oscillation near the Nyquist frequency are too small.
 """
 FARTHER = 5.0
-"""Times as far as its training a model is asked about another unit: rpm for rad/s make 9.5, degrees for radians 57."""
+"""Ratio to the training range above which the unit is doubted: rpm for rad/s give 9.5, degrees for radians 57."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordChannel:
-    """An input or output of a record, and what it was read from."""
+    """An input or output of a record, and its origin."""
 
     what: str
     """Bag, topic and field."""
@@ -41,13 +41,13 @@ class RecordChannel:
     """(samples,)."""
 
     def at(self, sample: int) -> str:
-        """A sample, for messages to the user."""
+        """A sample in words, for messages."""
         return f"sample {sample} ({sample * self.period:.6g} s)"
 
 
 def check_limits(record: Record, rig: Rig, signals: Signals | None = None) -> None:
-    """Raise UserError for an input that no actuator of the rig gives. signals: in the order of the rig's inputs; None
-    for a record of arrays.
+    """Raise UserError for an input that the rig's actuator can't give. signals: those of the record in the order of the
+    rig's inputs; None for a record from arrays.
     """
     remedy = "set the scale of the signals (--signals), repair the driver" if signals else "convert its unit"
     for channel, low, high in zip(_inputs(record, rig, signals), *rig.limits, strict=True):
@@ -64,7 +64,7 @@ def check_limits(record: Record, rig: Rig, signals: Signals | None = None) -> No
 
 
 def check_travel(record: Record, rig: Rig) -> None:
-    """Raise UserError for an output far beyond the stops of the rig: probably it is in another unit."""
+    """Raise UserError for an output far beyond the stops of the rig, which is probably in another unit."""
     for channel, low, high in zip(_outputs(record, rig, None), *rig.travel_of_outputs, strict=True):
         margin = PASSED * (high - low)
         farthest = float(channel.values[np.argmax(np.abs(channel.values))])
@@ -77,7 +77,7 @@ def check_travel(record: Record, rig: Rig) -> None:
 
 
 def spikes(record: Record, rig: Rig, signals: Signals | None = None) -> list[str]:
-    """What to say of outputs with samples that leave their neighbours by as much as the rest of the record moves."""
+    """Lines on outputs with spikes: samples that differ from their neighbours by as much as the rest of the record."""
     found = []
     for channel in _outputs(record, rig, signals):
         around = median_filter(channel.values, AROUND, mode="reflect")
@@ -97,7 +97,7 @@ def spikes(record: Record, rig: Rig, signals: Signals | None = None) -> list[str
 
 
 def strangeness(record: Record, model: Model, rig: Rig, signals: Signals) -> list[str]:
-    """What to say of inputs and outputs that go FARTHER than those that a model was trained on."""
+    """Lines on inputs and outputs that go FARTHER than those in a model's training records."""
     found = []
     for channel in (*_inputs(record, rig, signals), *_outputs(record, rig, signals)):
         trained = np.abs(model.training_range.get(channel.variable.name, (np.inf, np.inf))).max()

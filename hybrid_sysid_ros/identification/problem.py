@@ -18,19 +18,19 @@ Residuals = Callable[[Array], Array]
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 RELATIVE_ERROR = 0.05
-"""Expected free-run error, as part of the output's deviation: it weighs the data against the priors."""
+"""Expected free-run error relative to the output's deviation; it weights the data against the priors."""
 
 CORRELATION_SECONDS = 1.0
-"""Free-run errors are slow: this many seconds of them count as one observation against the priors."""
+"""Free-run errors are slow: so many seconds of them count as one observation against the priors."""
 
 INITIAL_SPREAD = 0.1
-"""Prior deviation of a record's initial state about the measured one, as part of the state's deviation."""
+"""Prior deviation of a record's initial state from the measured one, relative to the state's deviation."""
 
 SHARES = 4
-"""Parts of one simulation with derivatives that may run side by side."""
+"""Parts of one simulation with derivatives that may run in parallel."""
 
 WIDEST = 10.0
-"""Hidden states that a simulation gives to the next one's start, in their deviations: it may still diverge."""
+"""Limit of hidden states that one simulation hands to the next, in their deviations, since it may still diverge."""
 
 
 class FitProblem:
@@ -38,8 +38,8 @@ class FitProblem:
 
         free parameters, weights (both shared by all records) | initial states (of each record)
 
-    Each output's errors count in its own deviation. Initial states are nuisances: what a record began with, about what
-    it shows or, for states that it does not show, about zero, so that the shared part does not have to explain it.
+    Each output's errors are relative to its deviation. Initial states are nuisances with priors at the measured values,
+    or at zero for states that a record does not show, so that the shared part does not have to explain them.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class FitProblem:
         hold: Sequence[str] = (),
     ) -> None:
         """centres, spreads (free,): priors of the free parameters, in their units, instead of the declared ones. ridge:
-        prior deviation of weights is 1 / sqrt(ridge). hold: names of parameters that stay as they are.
+        the prior deviation of weights is 1 / sqrt(ridge). hold: names of parameters that do not change.
         """
         if len({experiment.sampling for experiment in experiments}) > 1:
             raise UserError("identification: the records are sampled differently")
@@ -83,7 +83,7 @@ class FitProblem:
         states = np.concatenate([item.states for item in experiments])
         units = [INITIAL_SPREAD * max(float(np.std(states[:, i])), 1e-9) for i in sorted(_shown(system))]
         self.nuisance_units = np.array([*units, *self._spread])
-        """Prior deviation of each moved state; each has one value a record, point[shared + state * records + i]."""
+        """Prior deviation of each fitted initial state; record i has the value point[shared + state * records + i]."""
         self.evaluations = 0
 
     @property
@@ -100,7 +100,7 @@ class FitProblem:
         )
 
     def starts(self, count: int, seed: int) -> list[Array]:
-        """Points to begin from: the declared start, and others about it by the parameters' scales."""
+        """Initial points: the declared start, and random ones around it by the parameters' scales."""
         random = np.random.default_rng(seed)
         lower, upper = self.bounds
         moves = [np.zeros(self.shared), *(random.normal(size=self.shared) for _ in range(count - 1))]
@@ -108,13 +108,13 @@ class FitProblem:
         return [np.clip(self.start + np.concatenate([move, nuisances]), lower, upper) for move in moves]
 
     def relative_error(self, rows: Array) -> float:
-        """Root mean square of the output errors among residual rows, as part of the output's deviation."""
+        """Root mean square of the output errors in residual rows, relative to the output's deviation."""
         errors = rows[: len(rows) - len(self.priors(self.start))]
         seconds = sum(item.samples for item in self.experiments) * self.sampling.period
         return float(np.linalg.norm(errors) * RELATIVE_ERROR / np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0)))
 
     def chi_squared(self, rows: Array) -> float | None:
-        """Mean squared error among residual rows in the noise of the sensors, where errors count in that."""
+        """Mean squared error in residual rows, where these are in units of the sensors' noise; else None."""
         return None
 
     def edges(self, horizon: int | None) -> NDArray[np.int64]:
@@ -130,17 +130,17 @@ class FitProblem:
         return system.with_weights(shared[len(self.free) :]) if len(self.system.weights) else system
 
     def nuisances(self, point: Array) -> Array:
-        """What is added to the initial states of each record, (moved states, records), in their units."""
+        """Corrections of the initial states of each record, (fitted states, records), in their units."""
         scaled = point[self.shared :].reshape(len(self.nuisance_units), len(self.experiments))
         return np.asarray(scaled * self.nuisance_units[:, None])
 
     def named_nuisances(self, point: Array) -> dict[str, Array]:
-        """The same by the states' names."""
+        """Corrections of the initial states, (records,) by the states' names."""
         names = (self.system.states[state].name for state in self.moved_states)
         return dict(zip(names, self.nuisances(point), strict=True))
 
     def priors(self, point: Array) -> Array:
-        """Prior rows, each in its own deviation: parameters about their centres, weights and nuisances about zero."""
+        """Prior rows in units of their deviations: parameters less their centres, weights and nuisances."""
         physical = len(self.free)
         values = point[:physical] * self.scales[:physical]
         weights = np.sqrt(self.ridge) * point[physical : self.shared]
@@ -156,7 +156,7 @@ class FitProblem:
         return np.diag(found)
 
     def carry(self, point: Array, horizon: int | None) -> None:
-        """Take states that records do not show, where rollouts begin within one, from a simulation at a point."""
+        """Set initial states of rollouts within a record that no record shows, by a simulation at a point."""
         if not len(self.hidden) or horizon is None:
             return
         starts, states, _, edges = self.windows(None)
@@ -166,8 +166,8 @@ class FitProblem:
         self._carried = [held[begin:end] for begin, end in pairwise(edges)]
 
     def _hidden_spread(self) -> Array:
-        """What hidden states are worth where a fit begins: root mean squares of a simulation, (hidden,); 1 for those
-        that stand still there, as biases of inputs do, which count in their own deviations.
+        """Scales of hidden states: root mean squares of a simulation at the start, (hidden,); 1 for those that are zero
+        there, such as biases of inputs, which have scales of their own.
         """
         if not len(self.hidden):
             return np.zeros(0)
@@ -185,7 +185,7 @@ class FitProblem:
 
     def windows(self, horizon: int | None) -> tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]:
         """Rollouts of ``horizon`` samples: starts (windows, 4), initial states (windows, states), outputs
-        (samples, outputs), and the row where each record begins (records + 1,).
+        (samples, outputs), and the first row of each record (records + 1,).
         """
         starts, states, outputs, offset, edges = [], [], [], 0, [0]
         for first, experiment, carried in zip(self.first_steps, self.experiments, self._carried, strict=True):
@@ -202,7 +202,7 @@ class FitProblem:
         return np.array(starts, dtype=np.int64), np.array(states), np.concatenate(outputs), np.array(edges)
 
     def weight(self, outputs: Array) -> Array:
-        """Weight of each error of the outputs (samples, outputs), as :data:`CORRELATION_SECONDS` has it; (outputs,)."""
+        """Weights (outputs,) of the errors of outputs (samples, outputs), see :data:`CORRELATION_SECONDS`."""
         seconds = len(outputs) * self.sampling.period
         scale = np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0) / outputs.size)
         return np.asarray(scale / (RELATIVE_ERROR * self.deviation))
@@ -233,8 +233,8 @@ class FitProblem:
         return evaluate
 
     def jacobian(self, horizon: int | None, run: Map) -> Residuals:
-        """Derivatives (rows, point), exact: from one simulation that carries them along. ``run`` maps its parts, in
-        parallel or not.
+        """Exact derivatives (rows, point) from one simulation with sensitivities. ``run`` maps a function over its
+        parts, in parallel or not.
         """
         records = len(self.experiments)
         starts, states, outputs, edges = self.windows(horizon)
@@ -281,13 +281,13 @@ class FitProblem:
 
 
 def _shown(system: System) -> list[int]:
-    """States where a record's own beginning counts. Of what is remembered these are outputs: the rest is its past."""
+    """States whose initial values are fitted; of a delay line only the outputs, since records show the rest."""
     known = system.record_map()
     return [i for i, (_, rate) in known.reconstructible.items() if not (rate and i in known.delay_line)]
 
 
 def _hidden(system: System) -> list[int]:
-    """States that records don't tell, with the deflections of bristles."""
+    """States that records don't show, including hidden states of contacts."""
     deflections = range(len(system.declared_states), len(system.states))
     known = system.record_map()
     return [

@@ -1,4 +1,4 @@
-"""Fits of a rig that is unstable: windows whose initial states are free, open at first, then held by a stabiliser."""
+"""Fits of unstable rigs over windows with free initial states, first in open loop, then closed by a stabiliser."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 GROWTHS = (1.4, 3.6)
-"""Length of the open windows, first short ones, by how often an error grows by e in them: to 4 and 36 times itself."""
+"""Lengths of the open windows, in times in which an error grows by e: it grows by factors of 4 and 36."""
 GAUSS_NEWTON, STILL = 8, 1e-6
-"""Most steps of the initial states, and the share of a residual's change from which on they stand."""
+"""Most Gauss-Newton steps of the initial states, and the relative change of the residual that ends them."""
 SLOWEST = 0.05
-"""[1/s], below which growth does not count: windows would be as long as records."""
+"""Growth rate [1/s] below which a rig counts as stable, since windows would be as long as records."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UnstableFitSettings:
-    """How an unstable rig is identified, and judged."""
+    """Settings for identification and validation of an unstable rig."""
 
     noise: Array
-    """Of each output's sensor, rms in SI, (outputs,)."""
+    """Noise of each output's sensor, rms in SI, (outputs,)."""
     stabiliser: Array
-    """K (inputs, outputs) of u = v - K y, which holds the rig, SI."""
+    """K (inputs, outputs) of u = v - K y, which stabilises the rig, in SI."""
     closed: float = 0.0
-    """Length of the last windows, which the stabiliser closes [s]; 0: there are none."""
+    """Length [s] of the last windows, in which the stabiliser closes the loop; 0: none."""
 
 
 def unstable_settings(rig: Rig) -> UnstableFitSettings | None:
-    """How a rig is identified that says what holds it (experiments.stabiliser); None where it needs nothing."""
+    """Settings of a rig that declares a stabiliser (experiments.stabiliser); None for other rigs."""
     stabiliser = rig.experiments.stabiliser
     if stabiliser is None:
         return None
@@ -50,7 +50,7 @@ def unstable_settings(rig: Rig) -> UnstableFitSettings | None:
 
 
 def fastest_growth(system: System) -> float:
-    """How fast the fastest mode grows where states and inputs are zero [1/s]; 0 where none does."""
+    """Growth rate of the fastest mode where states and inputs are zero [1/s]; 0 where none grows."""
     if system.sampling_time:
         return 0.0
     transition, _ = linearised(system, np.zeros(len(system.states)), np.zeros(len(system.inputs)))
@@ -58,7 +58,7 @@ def fastest_growth(system: System) -> float:
 
 
 def check_sampling(sampling: Sampling, name: str) -> None:
-    """Raise UserError where a stabiliser, which acts at each step, has no outputs there."""
+    """Raise UserError where there are not outputs at each step, at which a stabiliser acts."""
     if sampling.every != 1:
         raise UserError(
             f"{name}: a stabiliser acts at each step of {sampling.step:g} s, but the outputs are scored every "
@@ -67,9 +67,9 @@ def check_sampling(sampling: Sampling, name: str) -> None:
 
 
 def held_inputs(experiment: PreparedRecord, stabiliser: Array) -> Array:
-    """V = u + K y of a record, (steps, inputs), with which u = v - K y of a simulation is closed by the stabiliser.
+    """The inputs v = u + K y of a record, (steps, inputs), for a simulation with the stabiliser u = v - K y.
 
-    Raises UserError where outputs are not there at each step.
+    Raises UserError where there are not outputs at each step.
     """
     check_sampling(experiment.sampling, experiment.name)
     return np.asarray(experiment.inputs + experiment.outputs[:-1] @ stabiliser.T)
@@ -88,8 +88,8 @@ def settled(
     every: int,
     feedback: Array | None = None,
 ) -> Array:
-    """Initial states (windows, states) that meet the outputs (rows, outputs) of each window best in least squares, by
-    Gauss-Newton from given ones; ``free`` states move, in all windows at once.
+    """Initial states (windows, states) that fit the outputs (rows, outputs) of each window best in least squares, by
+    Gauss-Newton from given ones; only ``free`` states change, in all windows at once.
     """
     sensitivities = Sensitivities(system, parameters=(), states=list(free))
     given: dict[str, Any] = {"step": step, "every": every, "feedback": feedback}
@@ -123,16 +123,16 @@ class MultipleShootingProblem(FitProblem):
 
         free parameters, weights
 
-    The initial states of each window are no part of the point: at every point they are those that meet the window best,
-    and the derivatives are those that are left then (variable projection, Golub & Pereyra 1973, SIAM J. Numer. Anal.
-    10(2), as Kaufman 1975 simplified it; what multiple shooting, Bock 1983, eliminates as a Schur complement). Errors
-    count in the noise of their sensors. Windows longer than the open ones are closed by the stabiliser.
+    The initial states of each window are not part of the point: at every point they are those that fit the window best,
+    and the derivatives account for that (variable projection, Golub & Pereyra 1973, SIAM J. Numer. Anal. 10(2), as
+    Kaufman 1975 simplified it; multiple shooting, Bock 1983, eliminates the same by a Schur complement). Errors are in
+    units of their sensors' noise. In windows longer than the open ones the stabiliser closes the loop.
     """
 
     def __init__(
         self, system: System, experiments: Sequence[PreparedRecord], settings: UnstableFitSettings, **options: Any
     ) -> None:
-        """options: of :class:`~.problem.FitProblem`."""
+        """options: those of :class:`~.problem.FitProblem`."""
         self._stabiliser = settings.stabiliser
         super().__init__(system, experiments, **options)
         self.moved_states, self.nuisance_units = [], np.zeros(0)
@@ -152,7 +152,7 @@ class MultipleShootingProblem(FitProblem):
         self._initial.clear()
 
     def _simulated(self, system: System, starts: Starts, initial: Array) -> tuple[Array, Array]:
-        """Whole records, held by the stabiliser: what no record shows would run away with the rest of an open run."""
+        """States and outputs of whole records with the stabiliser, since states that no record shows would diverge."""
         held = np.concatenate([held_inputs(item, self._stabiliser) for item in self.experiments])
         given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}
         return rollouts(system, starts, initial, held, **given, feedback=feedback_of(system, self._stabiliser))
@@ -162,14 +162,14 @@ class MultipleShootingProblem(FitProblem):
         return float(np.sqrt(np.mean((errors * self._noise / self.deviation) ** 2)))
 
     def chi_squared(self, rows: Array) -> float:
-        """1 is all that noise leaves."""
+        """Mean squared error in units of the noise; 1 where noise alone is left."""
         return float(np.mean(rows[: len(rows) - len(self.priors(self.start))] ** 2))
 
     def weight(self, outputs: Array) -> Array:
         return np.asarray(1.0 / self._noise)
 
     def _setting(self, horizon: int | None) -> tuple[Starts, Array, Array, Array, dict[str, Any]]:
-        """Windows: starts, states that the record shows there, outputs, inputs; and how they are simulated."""
+        """Windows: starts, measured initial states, outputs, inputs, and the settings of their simulation."""
         starts, states, outputs, _ = self.windows(horizon)
         given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}
         if horizon is not None and horizon <= self._open:
@@ -179,7 +179,7 @@ class MultipleShootingProblem(FitProblem):
         return starts, states, outputs, held, given
 
     def residuals(self, horizon: int | None) -> Residuals:
-        """Errors of all windows in the noise, followed by the priors."""
+        """Errors of all windows in units of the noise, followed by the priors."""
         starts, states, outputs, inputs, given = self._setting(horizon)
 
         def evaluate(point: Array) -> Array:
@@ -195,7 +195,7 @@ class MultipleShootingProblem(FitProblem):
         return evaluate
 
     def jacobian(self, horizon: int | None, run: Map) -> Residuals:
-        """Derivatives (rows, point) with the initial states following."""
+        """Derivatives (rows, point), where the initial states follow the point."""
         starts, states, outputs, inputs, given = self._setting(horizon)
         sensitivities = Sensitivities(self.system, parameters=self.free, states=self._shown)
         count = outputs.shape[1]

@@ -1,4 +1,4 @@
-"""Where a fit begins: magnitudes in the training data, and linear systems by regression."""
+"""Initial values of a fit: magnitudes in the training data, and linear systems by regression."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ FEATURE_SCALE = 1.5
 """Scale of a network's feature, in root mean squares of the training data."""
 
 REGRESSED_SHARE = 0.3
-"""Share of a rate's variance that a regression must explain to be believed."""
+"""Share of a rate's variance that a regression must explain to be used."""
 
 
 def magnitudes(system: System, experiments: Sequence[PreparedRecord]) -> Magnitudes:
-    """Of experiments prepared for a rig's own system: FEATURE_SCALE root mean squares, since single large values must
-    not set the scale of a network. The numbers of states that no record shows are those of a simulation where a fit
-    begins.
+    """Magnitudes in experiments for a rig's system: FEATURE_SCALE root mean squares, since single large values must not
+    set the scale of a network. Magnitudes of states that no record shows come from a simulation with the initial values
+    of a fit.
     """
     states, held = _samples(system, experiments)
     inputs = np.concatenate([item.inputs for item in experiments])
@@ -48,8 +48,8 @@ def _unshown(system: System) -> list[int]:
 
 
 def _samples(system: System, experiments: Sequence[PreparedRecord]) -> tuple[Array, Array]:
-    """Declared states (samples, states), those that no record shows from a simulation where a fit begins, and inputs
-    over the samples (samples, inputs).
+    """Declared states (samples, states) and mean inputs over the samples (samples, inputs). States that no record shows
+    come from a simulation with the initial values of a fit.
     """
     declared = len(system.declared_states)
     states = np.concatenate([item.states[:, :declared] for item in experiments])
@@ -76,10 +76,10 @@ def _over_samples(experiment: PreparedRecord) -> Array:
 
 
 def initialised(system: Hybrid, experiments: Sequence[PreparedRecord], *, seed: int) -> Hybrid:
-    """A hybrid that is told where its training data are.
+    """A hybrid with initial values from its training data.
 
-    Of one on closures the scales of features and closures (their root mean squares; what it has as scales of
-    the latter so far are shares of these) and the region. Of one whose block begins at data, as rules do, its weights.
+    A hybrid on closures gets the scales of features and closures (their root mean squares; its earlier scales of
+    closures are shares of these) and the region. A block that begins at data, such as rules, gets its weights.
     """
     kind, count = kind_of(system.block), system.block.features
     if system.region is None and not kind.from_data:
@@ -107,7 +107,7 @@ def regression(system: Linear, experiments: Sequence[PreparedRecord]) -> dict[st
 
         (x(k + 1) - x(k)) / T = A (x(k) + x(k + 1)) / 2 + B u(k) + c - F sgn v
 
-    for each rate whose state is shown and which none that is not shown acts on, as far as the rig's own law begins.
+    for each rate of a measured state on which no unmeasured state acts in the rig's law at its initial values.
     """
     origin, known = system.origin, {item.name: item for item in system.parameters}
     names = [item.name for item in origin.declared_states]

@@ -1,1 +1,1 @@
-"""Which structure and options to take, by training data alone."""
+"""Selection of structure and options by training data alone."""

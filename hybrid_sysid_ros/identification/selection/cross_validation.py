@@ -20,36 +20,36 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
 BLOCKS = 6
-"""Blocks of the training data, at least: records are split where there are fewer."""
+"""Fewest blocks of the training data; records are split where there are fewer."""
 
 WORST = -1.0
-"""R2 below which one block is as bad as another: a diverged one must not decide about the rest."""
+"""Lower limit of a block's R2, so that a single diverged block does not decide."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Validation:
-    """How well blocks were predicted while they were held out."""
+    """Scores of blocks that were held out of the fit."""
 
     scores: Mapping[str, float]
     """R2 of the free run over each block, mean over the outputs, by name."""
     seconds: float
-    """Of all fits."""
+    """Time of all fits [s]."""
 
     @property
     def value(self) -> float:
-        """Mean of the scores, what a comparison maximises."""
+        """Mean of the scores, which a comparison maximises."""
         return float(np.mean([max(score, WORST) for score in self.scores.values()]))
 
     @property
     def standard_error(self) -> float:
-        """Of the mean."""
+        """Standard error of the mean."""
         values = [max(score, WORST) for score in self.scores.values()]
         return float(np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
 def blocks_of(records: Sequence[Record], sampling: Sampling, each: int | None = None) -> list[Record]:
-    """Records, each cut at scored samples into ``each`` equal parts, by default as many as make BLOCKS in all; calmest
-    first, by the outputs' deviations, each as part of its largest.
+    """Records, each cut at scored samples into ``each`` equal parts, by default enough for BLOCKS in all. They are in
+    the order of the outputs' deviations relative to the largest, calmest first.
     """
     each = each or max(1, -(-BLOCKS // len(records)))
     blocks = []
@@ -77,10 +77,10 @@ def cross_validate(
 ) -> Validation:
     """Fit without one group of blocks, free-run over them, for each group in turn.
 
-    The groups are the calmest blocks, the next, ... the widest: each is predicted from calmer and wider motion only, so
-    that a structure must carry over to an excitation that it has not seen. ``alike``: each record is cut into as many
-    blocks as there are folds, and every group holds out one of each record, calm or wide: for records of which one
-    shows what no other does, such as the only slow one. No block shares a sample with another.
+    The groups go from the calmest blocks to the widest: each is predicted from calmer and wider motion only, so that a
+    structure must extrapolate to an unseen excitation. ``alike``: each record is cut into as many blocks as there are
+    folds, and every group holds out one block of each record. This suits records with unique content, such as the only
+    slow one. No block shares a sample with another.
 
     Raises UserError for records that are too short or don't excite the rig, and for fewer than two folds.
     """
@@ -91,7 +91,7 @@ def cross_validate(
     holds = found.sampling(sampling)
     for record in used:
         checked(record, rig, holds)
-    # Against an output that stands still nothing can be scored.
+    # A constant output can't be scored.
     blocks = [
         block
         for block in blocks_of(used, sampling, each=folds if alike else None)
@@ -112,5 +112,5 @@ def cross_validate(
 
 
 def _of_each(blocks: Sequence[Record], folds: int) -> list[list[int]]:
-    """The first block of each record, the second of each, ..."""
+    """Groups of the first block of each record, the second of each, ..."""
     return [[k for k, block in enumerate(blocks) if block.name.endswith(f" {i + 1}/{folds}")] for i in range(folds)]

@@ -1,4 +1,4 @@
-"""One-step regression: the rows of records, as a recurrence in lagged values sees them."""
+"""One-step regression: rows of records for a recurrence in lagged values."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class Regression:
     """
 
     lagged: Array
-    """R, (rows, regressors)."""
+    """Regressors, (rows, regressors)."""
     targets: Array
     """The next outputs, (rows, outputs)."""
     scales: Array
-    """Root mean squares of outputs and inputs."""
+    """Root mean squares of outputs and inputs, (outputs + inputs,)."""
     low: Array
-    """Lowest values of them."""
+    """Lowest values of outputs and inputs; high: highest values."""
     high: Array
     period: float
     """[s]."""
@@ -39,8 +39,8 @@ class Regression:
 
     @classmethod
     def of(cls, experiments: Sequence[PreparedRecord], *, output_lags: int, input_lags: int, kind: str) -> Regression:
-        """Of several experiments. Raises UserError, which calls the structure ``kind``, for a record that is too short
-        for the lags, and for a step that is not the period.
+        """The rows of several experiments. Raises UserError, naming the structure by ``kind``, for a record that is too
+        short for the lags, and for a step that is not the period.
         """
         _check(experiments, max(output_lags, input_lags), kind)
         signals = (
@@ -78,7 +78,7 @@ class Regression:
 
 
 def least_squares(design: Array, targets: Array, *, ridge: float) -> Array:
-    """Coefficients (columns, outputs) of a design (rows, columns); ridge: pull to zero, by the number of rows."""
+    """Coefficients (columns, outputs) for a design (rows, columns); ridge: penalty, times the number of rows."""
     rows, columns = design.shape
     known = np.concatenate([design, np.sqrt(ridge * rows) * np.eye(columns)])
     wanted = np.concatenate([targets, np.zeros((columns, targets.shape[1]))])
@@ -97,7 +97,7 @@ def _check(experiments: Sequence[PreparedRecord], lags: int, kind: str) -> None:
 
 
 def _rows(outputs: Array, inputs: Array, output_lags: int, input_lags: int) -> tuple[Array, Array]:
-    """Lagged values (rows, lags), for each signal latest first, and the next outputs (rows, outputs)."""
+    """Lagged values (rows, lags), the latest of each signal first, and the next outputs (rows, outputs)."""
     first = max(output_lags, input_lags) - 1
     past = [sliding_window_view(y[:-1], output_lags)[first + 1 - output_lags :, ::-1] for y in outputs.T if output_lags]
     past += [sliding_window_view(u, input_lags)[first + 1 - input_lags :, ::-1] for u in inputs.T]

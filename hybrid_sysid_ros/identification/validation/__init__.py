@@ -1,1 +1,1 @@
-"""How good a model is on records that it has not seen: scores, horizons, residual tests, loops simulated again."""
+"""Validation of a model on unseen records: scores, horizons, residual tests, re-simulated loops."""

@@ -26,15 +26,15 @@ class HorizonErrors:
     horizons: NDArray[np.int64]
     """Samples ahead, (horizons,)."""
     seconds: Array
-    """The same in time."""
+    """Times ahead [s], (horizons,)."""
     rmse: Array
-    """In the output's unit."""
+    """Root mean square errors in the output's unit, (horizons,)."""
     r2: Array
-    """1 - rmse^2 / variance of the record's output: all horizons, and the free run, are measured by one variance."""
+    """1 - rmse^2 / variance of the record's output, (horizons,); the free run is scored by the same variance."""
     rollouts: int
     """Number of initial samples."""
     free_run: Scores
-    """Of the free run over the whole record, or another run that was given, which long horizons approach."""
+    """Scores of the free run over the whole record, or of a given run, which long horizons approach."""
 
 
 def k_step_errors(
@@ -47,11 +47,11 @@ def k_step_errors(
 ) -> HorizonErrors:
     """Errors k samples ahead: simulations from every sample, with the measured state as initial one.
 
-    horizons: in samples, 1 to :data:`LONGEST` (or half of the record) by default. All horizons share the initial
-    samples, those from which the longest one ends within the record. The measured state is raw: at short horizons its
-    noise is part of the error; states that the record does not show are those of the run.
-    output: which one. run: states (samples, states) and outputs (samples, outputs) of a run over the whole record, by
-    default the free run.
+    horizons: in samples, by default 1 to :data:`LONGEST` (or half of the record). All horizons share the initial
+    samples, from which the longest one ends within the record. The measured state is raw, so that its noise is part of
+    the error at short horizons; states that the record does not show come from the run. output: index of the output.
+    run: states (samples, states) and outputs (samples, outputs) over the whole record, by default the free run.
+
     Ljung (1999), System Identification, 2nd ed., sections 3.2 and 16.5: k-step-ahead prediction without a noise model.
 
     Raises UserError for a horizon below 1 or beyond the record, and for a constant output.
@@ -89,5 +89,5 @@ def k_step_errors(
 
 
 def default_horizons(longest: int) -> NDArray[np.int64]:
-    """Some 25 horizons from 1 to ``longest`` samples, denser where they are short."""
+    """Some 25 horizons from 1 to ``longest`` samples, denser at short ones."""
     return np.unique(np.geomspace(1, max(longest, 1), 25).round().astype(np.int64))

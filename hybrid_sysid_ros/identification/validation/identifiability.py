@@ -1,4 +1,4 @@
-"""Identifiability: which parameters the data determine, and which only a prior or a bound does."""
+"""Identifiability: which parameters the data determine, and which only a prior or a bound determines."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from hybrid_sysid_ros.support.arrays import Array
 
 HIGHLY_CORRELATED = 0.95
 UNDETERMINED = 0.5
-"""Standard error, in standard deviations of what was known before, above which the data told little."""
+"""Ratio of the standard error to the prior deviation above which the data contributed little."""
 AT_BOUND = 0.01
-"""Distance from a bound, as part of that between both, that counts as at the bound."""
+"""Distance from a bound, relative to the distance of both bounds, that counts as at the bound."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Doubt:
     """A parameter that the data don't determine. Values, errors and deviations are in its unit.
 
-    standard_error: of the fit, priors included. before: standard deviation of what was known without the data: of the
-    prior, or of a uniform distribution between the bounds, (high - low) / sqrt 12, where there is no prior.
-    at_bound: the estimate stands at a bound, where a standard error means little. correlated: parameters (and the
-    coefficients) that can change together with this one so that the simulation stays much the same, most first.
+    standard_error: that of the fit, including priors. before: standard deviation before the fit: that of the prior, or
+    of a uniform distribution between the bounds, (high - low) / sqrt 12, where there is no prior. at_bound: whether the
+    estimate is at a bound, where a standard error means little. correlated: parameters that can change together with
+    this one without much effect on the simulation, with correlation coefficients, largest first.
     """
 
     parameter: Parameter
@@ -37,7 +37,7 @@ class Doubt:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What is doubtful about it."""
+        """Reasons why the parameter is doubtful."""
         item, found = self.parameter, []
         if self.at_bound:
             side, bound = min((("lower", item.low), ("upper", item.high)), key=lambda end: abs(end[1] - self.value))
@@ -59,13 +59,12 @@ class Doubt:
 
 
 def doubts(model: Model) -> list[Doubt]:
-    """The free physical parameters of a model that its data don't determine, each with what it is mixed up with.
+    """The free physical parameters of a model that its data don't determine, with those that they are correlated with.
 
-    A parameter is doubted if its standard error is above UNDETERMINED of what was known before the fit, it stands at a
-    bound, moves nothing, or is correlated by more than HIGHLY_CORRELATED with another. The covariance is that of the
-    linearised fit with its priors (Ljung 1999, section 9.4; a prior in it makes errors smaller than it, never larger).
-    A hybrid's physics has a second prior, the anchor to the gray box, which a model does not hold: look at the gray box
-    for what the data say.
+    A parameter is doubted if its standard error is above UNDETERMINED times the deviation before the fit, if it is at a
+    bound, has no effect, or is correlated by more than HIGHLY_CORRELATED with another. The covariance is that of the
+    linearised fit with its priors (Ljung 1999, section 9.4), which make errors smaller, never larger. A hybrid's
+    physics has a second prior, the anchor to the gray box, which a model does not store: examine the gray box instead.
     """
     errors, pairs = model.standard_errors, correlated(model.names, model.covariance)
     found = []
@@ -88,7 +87,7 @@ def doubts(model: Model) -> list[Doubt]:
 def correlated(
     names: Sequence[str], covariance: Array, threshold: float = HIGHLY_CORRELATED
 ) -> list[tuple[str, str, float]]:
-    """Pairs of estimates whose correlation is beyond +-threshold: their names and the coefficient, most first."""
+    """Pairs of estimates whose correlation is beyond +-threshold: their names and the coefficient, largest first."""
     coefficients = correlation(covariance)
     pairs = [
         (names[i], names[j], float(coefficients[i, j]))
@@ -100,13 +99,13 @@ def correlated(
 
 
 def correlation(covariance: Array) -> Array:
-    """Correlation coefficients (free, free) of a covariance; 0 beside a parameter without variance."""
+    """Correlation coefficients (free, free) of a covariance; 0 for a parameter without variance."""
     deviations = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     scale = np.where(deviations > 0.0, deviations, np.inf)
     return np.asarray(covariance / np.outer(scale, scale))
 
 
 def at_bound(item: Parameter, value: float) -> bool:
-    """Whether a fitted parameter stands at one of its bounds."""
+    """Whether a fitted parameter is at one of its bounds."""
     share = (value - item.low) / (item.high - item.low)
     return not item.fixed and not AT_BOUND < share < 1.0 - AT_BOUND

@@ -1,4 +1,4 @@
-"""What a constant bias of the inputs does to a free run: estimated while a record begins, and held over the rest."""
+"""The effect of a constant input bias on a free run: it is estimated at a record's beginning and held over the rest."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 SPREAD = 0.01
-"""Prior deviation of a bias, as part of what its actuator spans."""
+"""Prior deviation of a bias, relative to its actuator's span."""
 
 CORRELATION_SECONDS = 1.0
 """Free-run errors are slow: so many seconds of them count as one observation."""
 
 POINTS, ROUNDS = 64, 5
-"""Biases that are tried at a time, and how often their cloud is drawn closer about the likely ones."""
+"""Biases in a sample, and number of rounds in which the sample concentrates on the likely ones."""
 
 WIDER = 2.0
-"""Deviation of the next cloud, as part of the likely ones': it must reach beyond them."""
+"""Deviation of the next sample, relative to that of the likely biases, since it must reach beyond them."""
 
 NARROWEST = 1e-3
-"""Deviation of a cloud, as part of the prior's: nothing closer matters."""
+"""Least deviation of a sample, relative to the prior's."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Adapted:
-    """Free runs over the rest of a record, from one state, without and with a bias."""
+    """Scores of free runs over the rest of a record, from one state, without and with a bias."""
 
     seconds: float
-    """What the bias was estimated from."""
+    """Length of the beginning from which the bias was estimated [s]."""
     bias: Array
-    """(inputs,): the estimate."""
+    """The estimated bias, (inputs,)."""
     without: Scores
     adapted: Scores
 
     def content(self, system: System) -> dict[str, Any]:
-        """As plain data: seconds, bias by input, and the scores ``without`` and ``adapted``."""
+        """The result as plain data: seconds, bias by input, and the scores ``without`` and ``adapted``."""
         named = dict(zip((item.name for item in system.inputs), self.bias.tolist(), strict=True))
         scores = {"without": self.without.content, "adapted": self.adapted.content}
         return {"seconds": self.seconds, "bias": named, **scores}
@@ -55,12 +55,12 @@ class Adapted:
 def adapt(system: System, record: Record, *, sampling: Sampling, spans: Array, seconds: float) -> Adapted:
     """Estimate the bias of each input over the first seconds of a record, and score the free run over the rest of it.
 
-    Both free runs begin where the first seconds end: in what the record has shown by then, and where it does not show a
-    state, in that of the simulation so far. Nothing after that moment is seen, and both are scored on the same samples.
+    Both free runs begin at the end of the first seconds, in the measured state, or in that of the simulation so far for
+    states that the record does not show. Nothing after that moment is used, and both are scored on the same samples.
 
-    spans: from the lowest to the highest value of each input, (inputs,). Raises UserError for a record that does not
-    leave ten samples before that moment and as many after it, and for an output that is constant after it;
-    UnstableError where a free run says nothing, with a bias as without.
+    spans: highest less lowest value of each input, (inputs,). Raises UserError for a record without ten samples before
+    that moment and ten after it, and for an output that is constant after it; UnstableError where a free run is
+    meaningless.
     """
     every = scored_every(record, sampling)
     cut = round(seconds / sampling.period) if np.isfinite(seconds) else 0
@@ -79,14 +79,14 @@ def adapt(system: System, record: Record, *, sampling: Sampling, spans: Array, s
 
 
 def estimate(system: System, record: Record, *, sampling: Sampling, spans: Array) -> Array:
-    """Mean of a constant bias of each input, (inputs,), after a record: what an estimator's offset would come to.
+    """Posterior mean of a constant bias of each input, (inputs,), given a record, like the offset of an estimator.
 
         p(bias | y) ~ prod over inputs N(bias; 0, SPREAD span) * prod over outputs (sum e^2)^(-n / 2)
 
-    e: errors of the free run under input + bias, whose deviation nobody knows (Jeffreys' prior); n: their number, one
-    a CORRELATION_SECONDS. Where friction holds the rig a whole range of biases is alike, and the mean lies in its
-    middle. By importance sampling from clouds that close in on the likely ones (population Monte Carlo, Cappe et al.
-    2004), since friction leaves no derivative worth having.
+    e: errors of the free run under input + bias, whose deviation is unknown (Jeffreys' prior); n: their number, one in
+    CORRELATION_SECONDS. Where friction holds the rig, a whole range of biases is equally likely, and the mean lies in
+    its middle. The method is importance sampling (population Monte Carlo, Cappe et al. 2004), since derivatives are
+    useless under dry friction.
     """
     prior = SPREAD * np.asarray(spans, dtype=float)
     sampler = qmc.MultivariateNormalQMC(np.zeros(len(prior)), seed=0)
@@ -99,7 +99,7 @@ def estimate(system: System, record: Record, *, sampling: Sampling, spans: Array
         likelihood = -0.5 * count * np.log(np.maximum(errors, 1e-30)).sum(axis=1)
         log = likelihood - 0.5 * np.sum((points / prior) ** 2, axis=1) + 0.5 * np.sum(drawn**2, axis=1)
         if not np.isfinite(log).any():
-            return np.zeros(len(prior))  # every simulation diverges, and the scores will tell
+            return np.zeros(len(prior))  # every simulation diverges, as the scores will show
         weights = np.exp(log - log[np.isfinite(log)].max())
         weights = np.where(np.isfinite(weights), weights, 0.0) / np.nansum(weights)
         centre = weights @ points

@@ -1,4 +1,4 @@
-"""Closed-loop re-simulation under a feedback: model and feedback again from the commands alone."""
+"""Closed-loop re-simulation under a feedback: model and feedback are simulated from the commands alone."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ WHOLE = Part()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Followed:
-    """An experiment under a feedback done again on a model, and how it meets the real one."""
+    """An experiment under a feedback that is repeated on a model, and its scores against the record."""
 
     outputs: Array
-    """Simulated, (samples, outputs)."""
+    """Simulated outputs, (samples, outputs)."""
     inputs: Array
-    """(samples - 1, inputs), from each sample on."""
+    """Simulated inputs from each sample on, (samples - 1, inputs)."""
     scores: Scores
-    """Of the outputs."""
+    """Scores of the outputs."""
 
 
 def follow_again(system: System, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Followed:
-    """Run an experiment of a rig again on a model of it, under the rig's feedback.
+    """Repeat an experiment of a rig on a model, under the rig's feedback.
 
-    Commands and initial state come from the record, and what was added to the feedback's inputs: what these were beyond
-    the feedback's answer to the measured outputs, from the record's beginning on, where the feedback was at rest.
-    Everything else is simulated, so an error of the model acts back on its inputs.
+    Commands and initial state come from the record, and so do the added inputs: the recorded inputs less the feedback's
+    answer to the recorded outputs, computed from the record's beginning, where the feedback was at rest. Everything
+    else is simulated, so an error of the model acts back on its inputs.
 
     Raises UserError where the rig has no feedback, or one behind low-passes; the record is not sampled as the feedback
     works, or does not have its commands; the model's step does not fit.
@@ -51,7 +51,7 @@ def follow_again(system: System, record: Record, rig: Rig, *, sampling: Sampling
     if abs(record.sampling_time / feedback.period - 1.0) > 1e-6:
         raise UserError(
             f"{record.name}: is sampled every {record.sampling_time:g} s, the feedback works every {feedback.period:g} "
-            "s: only a record of each of its answers can be done again"
+            "s: only a record with each of its answers can be repeated"
         )
     names = [rig.channel("reference", rig.system.outputs[index].name) for index in feedback.followed]
     for name in names:
@@ -88,7 +88,7 @@ def follow_again(system: System, record: Record, rig: Rig, *, sampling: Sampling
 def _added(
     law: Law, limits: Limits, outputs: Array, commands: Array, inputs: Array, first: int, model: Array, integrals: Array
 ) -> Array:
-    """What was added to the feedback's answers (samples, inputs); model and integrals are left as they are at the
+    """Inputs that were added to the feedback's answers (samples, inputs); model and integrals get their values at the
     sample ``first``.
     """
     low, high = limits
@@ -119,7 +119,7 @@ def _follow(
     outputs: Array,
     applied: Array,
 ) -> None:
-    """Fill outputs (samples, outputs) and applied (samples - 1, inputs); memory and states x (states,) move along."""
+    """Fill outputs (samples, outputs) and applied (samples - 1, inputs), advancing memory and states x (states,)."""
     step, output, p, w, h, delays = system
     law, limits = driver
     commands, added = signals

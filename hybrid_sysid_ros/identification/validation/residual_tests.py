@@ -1,4 +1,4 @@
-"""Residual tests: whether anything is left in what a model does not explain."""
+"""Residual tests: whether residuals contain anything that a model could explain."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 CONFIDENCE = 0.99
 LAGS = 25
-SPAN = 4  # lags of the residuals' own covariance that count, in numbers of tested lags
+SPAN = 4  # lags of the residuals' autocovariance that are used, in numbers of tested lags
 NO_POWER = 1e-2  # share of the largest eigenvalue below which a combination of lags was not excited
 DESCRIPTIONS = {
     "phi_ee": "residual with itself",
@@ -24,21 +24,21 @@ DESCRIPTIONS = {
     "phi_(u^2)'e": "residual with input squared",
     "phi_(u^2)'e^2": "residual squared with input squared",
 }
-"""What each of the five correlation tests compares."""
+"""The signals that each of the five correlation tests compares."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualTest:
-    """Correlation coefficients of residuals, and how likely they are if there is nothing left to explain."""
+    """Correlation coefficients of residuals, and their probability if nothing is left to explain."""
 
     lags: NDArray[np.int64]
-    """In samples, (lags,)."""
+    """Lags in samples, (lags,)."""
     values: Array
     """Coefficients, -1 to 1, (lags,)."""
     bound: float
     """A single coefficient is within +-bound with probability CONFIDENCE."""
     statistic: float
-    """Of the tested lags together, chi-squared with ``degrees`` of freedom."""
+    """Statistic of all tested lags, chi-squared with ``degrees`` of freedom."""
     degrees: int
     p_value: float
     """Probability of a statistic at least as large."""
@@ -47,14 +47,14 @@ class ResidualTest:
     def of(
         cls, lags: NDArray[np.int64], values: Array, variance: float, statistic: float, degrees: int
     ) -> ResidualTest:
-        """From the variance of a coefficient where nothing is left, and the statistic of all."""
+        """A test from the variance of a coefficient where nothing is left, and the statistic of all."""
         bound = float(norm.ppf(0.5 + 0.5 * CONFIDENCE) * np.sqrt(variance))
         p_value = float(chi2.sf(statistic, degrees))
         return cls(lags=lags, values=values, bound=bound, statistic=float(statistic), degrees=degrees, p_value=p_value)
 
     @property
     def passed(self) -> bool:
-        """Whether the statistic is one that nothing-left gives with probability CONFIDENCE."""
+        """Whether the statistic is within the range that it has with probability CONFIDENCE where nothing is left."""
         return self.p_value >= 1.0 - CONFIDENCE
 
     @property
@@ -64,7 +64,7 @@ class ResidualTest:
 
 
 def whiteness(residuals: Array, *, lags: int = LAGS) -> ResidualTest:
-    """Autocorrelation of residuals (samples,) at lags 1 to `lags`; their mean is taken off first.
+    """Autocorrelation of residuals (samples,) at lags 1 to `lags`, after their mean is removed.
 
     r(k) = R(k) / R(0), R(k) = 1/N sum e(t) e(t - k); bound N_a / sqrt N; Ljung (1999), System Identification, 2nd ed.,
     section 16.6. The statistic is that of Ljung and Box (1978), Biometrika 65(2): N (N + 2) sum r(k)^2 / (N - k).
@@ -84,12 +84,12 @@ def whiteness(residuals: Array, *, lags: int = LAGS) -> ResidualTest:
 def independence(residuals: Array, signal: Array, *, lags: int = LAGS) -> ResidualTest:
     """Cross-correlation of residuals with an input or reference, both (samples,), at lags -`lags` to `lags`.
 
-    r(k) = 1/N sum e(t) u(t - k) / (deviation of e, of u). At positive lags stands what past inputs still explain; at
-    negative ones what residuals did to later inputs, as feedback does. The residuals need not be white: with
+    r(k) = 1/N sum e(t) u(t - k) / (deviation of e, of u). Positive lags show what past inputs still explain, negative
+    ones the effect of residuals on later inputs, as feedback causes it. The residuals need not be white: with
     R the autocovariances, sqrt(N) R_eu(k) has variance P = sum_j R_e(j) R_u(j), and two lags i, j the covariance
     sum_l R_e(l) R_u(l + i - j); Ljung (1999), section 16.6. R_e goes through a Parzen window over SPAN * `lags`: a line
     that the input leaves in the residuals must stand out from their spectrum, not raise it. The statistic N r' P^-1 r
-    is of lags 0 to `lags`, without the combinations in which the signals have no power. If the input was made from past
+    covers lags 0 to `lags`, without combinations in which the signals have no power. If the input was made from past
     residuals (feedback) and these are not white, only a test against the reference has these probabilities.
 
     Raises UserError for too few samples, or a signal that is constant or not finite.

@@ -1,4 +1,4 @@
-"""Closed-loop re-simulation: model, controller and filter from the reference alone."""
+"""Closed-loop re-simulation: model, controller and filter are simulated from the reference alone."""
 
 from __future__ import annotations
 
@@ -24,55 +24,56 @@ from hybrid_sysid_ros.support.errors import UserError
 
 WHOLE = Part()
 SWEEPS = 4
-"""Where two settle steps of 5 and 10 ms to the last digit, each is 15 times nearer at 50 ms."""
+"""Iterations of a step: two are exact for steps of 5 and 10 ms; at 50 ms each is 15 times more accurate."""
 STRAYED = 0.05
-"""Share of a record's inputs that may be none of the rig's law, as where its recorder lost samples. On loops of the law
-recorded every 1 to 50 ms it is at most .02, on those of the MPC at least .6, with nine tenths of the gain mostly .5.
+"""Share of a record's inputs that may differ from the rig's law, such as where a recorder lost samples. For loops under
+the law, recorded every 1 to 50 ms, it is at most .02, for loops of the MPC at least .6, and with nine tenths of the
+gain mostly .5.
 """
 DEVIATIONS = 3.0
-"""Of the sensor's noise, within which a filtered position that the record has not is known from its output."""
+"""Deviations of the sensor's noise within which a filtered position is known that is computed from the output."""
 ROUNDING = 1e-7
-"""Of an input, in shares of its range, as of single precision."""
+"""Rounding of a recorded input, relative to its range, as in single precision."""
 WARM_UP = 1.0
-"""Seconds of the measured output that a filter sees before a part; it forgets in a quarter of that."""
+"""Seconds of measured output before a part that a filter processes; its memory is a quarter of that."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resimulation:
-    """An experiment done again on a model, and how it meets the real one."""
+    """An experiment that is repeated on a model, and its scores against the record."""
 
     name: str
     time: Array
-    """The model's steps, or the record's samples where these are longer, (samples,) [s]."""
+    """Times of the model's steps, or of the record's samples where these are longer, (samples,) [s]."""
     simulated: Array
-    """Output in its unit, (samples,)."""
+    """Simulated output in its unit, (samples,)."""
     simulated_input: Array
-    """Means between samples, (samples - 1,)."""
+    """Simulated mean inputs between samples, (samples - 1,)."""
     output: Scores
     input: Scores
 
 
 def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Resimulation:
-    """Run an experiment of a rig again on a model of it: u = clip(gain (reference - yf), +-limit).
+    """Repeat an experiment of a rig on a model: u = clip(gain (reference - yf), +-limit).
 
-    yf is the output behind the low-pass of the rig's sensor. Reference and initial state come
-    from the record, everything else is simulated, so an error of the model acts back on its input as on the rig.
+    yf is the output behind the low-pass of the rig's sensor. Reference and initial state come from the record;
+    everything else is simulated, so an error of the model acts back on its input as on the rig.
 
-    The controller and its filter work at the rig's step (1 ms), the model at its own, a multiple: its parameters
-    belong to that step. Over one step of the model the filter sees the output on a straight line from the old to the
-    new one, and the model the mean of the input, or with sampling.input "sampled" the first of each period, as in its
-    fit. Since each needs the other, a step longer than the rig's is done SWEEPS times, first with the output held; how
-    the output moves within a step reaches the input through six integrations only. The filter begins settled at the
-    record's filtered position; in a part that begins within the record it has seen the measured output before.
+    Controller and filter run at the rig's step (1 ms), the model at its own, which is a multiple, since its parameters
+    belong to that step. Over one step of the model the filter gets the output on a straight line from the old to the
+    new value, and the model gets the mean of the input, or with sampling.input "sampled" the first of each period, as
+    in its fit. Since each needs the other, a step longer than the rig's is iterated SWEEPS times, at first with a
+    constant output; the output within a step reaches the input only through six integrations. The filter begins in
+    steady state at the record's filtered position; before a part within the record it processes the measured output.
 
     Raises UserError where the record has no reference or was driven by another controller, the rig has more than one
     input or output, the step is no multiple of the rig's, or the record does not fit the sampling.
     """
     ticks = rig.steps(sampling.step, "re-simulation: the model's step")
     if not rig.experiments.loops:
-        raise UserError(f"rig {rig.name} has no loop (experiments.loops) to simulate again")
+        raise UserError(f"rig {rig.name} has no loop (experiments.loops) to re-simulate")
     if len(system.inputs) != 1 or len(system.outputs) != 1:
-        raise UserError(f"only loops of one input and output are simulated again; {rig.name} has more")
+        raise UserError(f"only loops of one input and output are re-simulated; {rig.name} has more")
     filtered = _low_pass(rig)
     recorded = "filtered" in record.channels
     if not recorded:
@@ -106,7 +107,7 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
 def resimulations(
     system: System, records: Iterable[tuple[Record, Part]], rig: Rig, *, sampling: Sampling
 ) -> tuple[dict[str, Resimulation], dict[str, str]]:
-    """Re-simulate what can be of some records: the results, and the reasons for the others, by the records' names.
+    """Re-simulate those records that allow it: the results, and for the others the reasons, by the records' names.
 
     The reasons are the errors that :func:`resimulate` raises; none is raised here.
     """
@@ -121,7 +122,7 @@ def resimulations(
 
 
 def _reference(record: Record, rig: Rig, ticks: int) -> Array:
-    """The reference at the rig's steps, (ticks,) in the output's unit."""
+    """The reference at the rig's steps, (steps,), in the output's unit."""
     reference = record.channels.get("reference")
     if reference is None:
         raise UserError(f"{record.name}: has no channel reference, which a loop follows; name its topic in the signals")
@@ -132,11 +133,11 @@ def _reference(record: Record, rig: Rig, ticks: int) -> Array:
 
 
 def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
-    """A record of another controller (or of none) is no experiment that this one could do again.
+    """Raise UserError for a record of another controller, or of none, since the rig's law can't repeat it.
 
-    Between two samples the law's input goes from clip(gain (reference - filtered)) at the one to that at the other, and
-    its mean, which the record has, lies between them: widened by how far the filtered position bends away from its
-    straight line, an eighth of its second differences, and by ``tolerance``, of the filtered output as it is shown.
+    Between two samples the law's input goes from one clip(gain (reference - filtered)) to the next, so its mean in the
+    record lies between them. This range is widened by the curvature of the filtered position, an eighth of its second
+    differences, and by ``tolerance``, in the unit of the filtered output.
     """
     if "reference" not in record.channels:
         return
@@ -155,22 +156,22 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
     if known.any() and np.mean(strayed[known]) > STRAYED:
         raise UserError(
             f"{record.name}: {np.mean(strayed[known]):.0%} of its inputs are not those of the rig's controller, "
-            "clip(gain (reference - filtered)), so the loop can't be done again by it"
+            "clip(gain (reference - filtered)), so the loop can't be repeated with it"
         )
 
 
 def _low_pass(rig: Rig) -> LowPass:
-    """The filter behind which the rig's controller measures."""
+    """The filter of the rig's controller. Raises UserError where the loop can't be repeated."""
     found = rig.sensors[0].low_pass
     if not rig.experiments.loops or found is None:
-        raise UserError(f"rig {rig.name} has no loop behind a low-pass that could be done again")
+        raise UserError(f"rig {rig.name} has no loop behind a low-pass that could be repeated")
     if rig.experiments.loops[0].integral:
-        raise UserError(f"the loop of rig {rig.name} has an integral part, which can't be done again")
+        raise UserError(f"the loop of rig {rig.name} has an integral part, which can't be repeated")
     return found
 
 
 def _filtered(record: Record, rig: Rig) -> Array:
-    """The output behind the rig's filter, (samples,) in the output's unit, from settled at its first value."""
+    """The output behind the rig's filter, (samples,), in the output's unit, beginning in steady state."""
     low_pass = LowPassFilter(_low_pass(rig), rig.step)
     ticks = rig.step * np.arange(round(record.time[-1] / rig.step) + 1)
     values = np.interp(ticks, record.time, record.output[:, 0])
@@ -179,7 +180,7 @@ def _filtered(record: Record, rig: Rig) -> Array:
 
 
 def _settled(low_pass: LowPassFilter, record: Record, rig: Rig, first: int) -> LowPassFilter:
-    """The filter as it begins at a sample of the record."""
+    """The filter in its state at a sample of the record."""
     ticks = min(round(first * record.sampling_time / rig.step), round(WARM_UP / rig.step))
     times = record.sampling_time * first - rig.step * np.arange(ticks, 0, -1)
     before = np.interp(times, record.time, record.output[:, 0])
@@ -191,7 +192,7 @@ def _settled(low_pass: LowPassFilter, record: Record, rig: Rig, first: int) -> L
 
 
 def _through(low_pass: LowPassFilter, values: Array) -> Array:
-    """What a filter shows before it takes each of the values, (ticks,)."""
+    """The output of a filter before it processes each of the values, (steps,)."""
     shown = np.empty(len(values))
     for tick, value in enumerate(values.tolist()):
         shown[tick] = low_pass.value
@@ -211,8 +212,8 @@ def _loop(
     outputs: Array,
     applied: Array,
 ) -> None:
-    """Fill outputs (steps + 1,), and applied (steps,), the mean input over each step; the filter's state ``seen`` and
-    the model's x (states,) move along. timing: samples that an input is held, sweeps.
+    """Fill outputs (steps + 1,) and applied (steps,), the mean input over each step, advancing the filter's state
+    ``seen`` and the model's x (states,). timing: samples for which an input is held, and sweeps.
     """
     step, output, p, w, h, delays = model
     hold, sweeps = timing
@@ -244,8 +245,8 @@ def _loop(
 def _over_a_step(
     wanted: Any, begin: float, end: float, low_pass: Any, law: Any, state: Any, room: Any
 ) -> tuple[float, float]:
-    """Mean and first of the inputs over a step of the model, while its output goes from begin to end on a line; room:
-    for another state of the filter.
+    """Mean and first input over a step of the model, while its output goes from begin to end on a straight line. room:
+    memory for another state of the filter.
     """
     transition, gain, reading = low_pass
     feedback, low, high = law

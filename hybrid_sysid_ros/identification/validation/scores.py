@@ -1,4 +1,4 @@
-"""How well a simulation meets a measurement."""
+"""Scores of a simulation against a measurement."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 FIRST_SAMPLES = 40
-"""Of a record, that tell the initial states which no sensor shows."""
+"""Samples at a record's beginning from which initial states without sensors are estimated."""
 GAUSS_NEWTON = 10
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """How one output is met, or the mean over several."""
+    """Scores of one output, or means over several."""
 
     r2: float
     """1 - sum e^2 / sum (y - mean y)^2."""
     rmse: float
-    """In the output's unit; not a number for several outputs, which have several units."""
+    """Root mean square error in the output's unit; NaN for several outputs, which have several units."""
     fit_percent: float
     """100 (1 - |e| / |y - mean y|)."""
     outputs: Mapping[str, Scores] = field(default_factory=dict)
-    """Each of several outputs by its name; empty where there is one."""
+    """Scores of each of several outputs by name; empty where there is one."""
 
     def __str__(self) -> str:
         if self.outputs:
@@ -38,7 +38,7 @@ class Scores:
 
     @property
     def content(self) -> dict[str, Any]:
-        """As plain data: r2, rmse and fit_percent; of several outputs r2 and fit_percent, and ``outputs`` by name."""
+        """Plain data: r2, rmse and fit_percent; for several outputs r2 and fit_percent, and ``outputs`` by name."""
         if not self.outputs:
             return {"r2": self.r2, "rmse": self.rmse, "fit_percent": self.fit_percent}
         each = {name: item.content for name, item in self.outputs.items()}
@@ -46,7 +46,7 @@ class Scores:
 
     @classmethod
     def of(cls, names: Sequence[str], measured: Array, simulated: Array) -> Scores:
-        """Of outputs (samples, outputs) by their names. Raises UserError for a constant one."""
+        """Scores of outputs (samples, outputs) by their names. Raises UserError for a constant one."""
         found = {name: score(measured[:, k], simulated[:, k]) for k, name in enumerate(names)}
         if len(found) == 1:
             return next(iter(found.values()))
@@ -59,7 +59,7 @@ class Scores:
 
 
 def score(measured: Array, simulated: Array) -> Scores:
-    """Scores of one output, both (samples,). A simulation that diverged scores minus infinity.
+    """Scores of one output, measured and simulated (samples,). A simulation that diverged scores minus infinity.
 
     Raises UserError for a constant measurement, against which nothing can be scored.
     """
@@ -76,8 +76,8 @@ def score(measured: Array, simulated: Array) -> Scores:
 
 
 def score_free_run(system: System, experiment: PreparedRecord) -> Scores:
-    """Scores of the strict free run on raw outputs, where they were measured. Raises UserError for a constant output,
-    naming the record.
+    """Scores of the strict free run on measured raw outputs. Raises UserError for a constant output, naming the
+    record.
     """
     measured = slice(None) if experiment.measured is None else experiment.measured
     names, simulated = [item.name for item in system.outputs], free_run(system, experiment)
@@ -101,8 +101,8 @@ def free_run_states(system: System, experiment: PreparedRecord) -> tuple[Array, 
 
 
 def initial_state(system: System, experiment: PreparedRecord) -> Array:
-    """Where a free run begins, (states,): as the record's first sample shows it. Declared states that it does not show
-    are those that meet the outputs of the first FIRST_SAMPLES samples best (Gauss-Newton, of least norm).
+    """Initial state of a free run, (states,), from the record's first sample. Declared states that it does not show are
+    fitted to the outputs of the first FIRST_SAMPLES samples (Gauss-Newton, least norm).
     """
     first, hidden = experiment.states[0].copy(), system.record_map().unobserved
     if not hidden:

@@ -1,4 +1,4 @@
-"""Stages of a model: what the free run of each leaves of a record, and whether that is random."""
+"""Stages of a model: residuals of each stage's free run, and whether they are random."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, 
 
 @dataclass(frozen=True, kw_only=True)
 class StageResiduals:
-    """Of one output in one record, in strict free run."""
+    """Residuals of one output in the strict free run of a stage on one record."""
 
     record: str
     output: str
     stage: str
-    """Such as "gray box" and "with its residual"."""
+    """Name of the stage, such as "gray box" or "with its residual"."""
     scores: Scores
     whiteness: ResidualTest
-    """Of the residual with itself."""
+    """Test of the residual's autocorrelation."""
     independence: ResidualTest
-    """Of the residual with the first input."""
+    """Test of the correlation with the first input."""
 
     @property
     def random(self) -> bool:
-        """Whether nothing is left that the past of residual or input explains."""
+        """Whether past residuals and inputs explain nothing of the residual."""
         return self.whiteness.passed and self.independence.passed
 
 
 def compare_stages(stages: Mapping[str, System], record: ResampledRecord) -> Iterator[StageResiduals]:
-    """Each output's residual in the free run of each stage of a model, see
+    """Residuals of each output for each stage of a model, see
     :meth:`~hybrid_sysid_ros.models.structure.Structure.stages`.
 
     Raises UserError for a record of other channels, a constant output, and too few samples to test.

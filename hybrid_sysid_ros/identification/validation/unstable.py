@@ -1,4 +1,4 @@
-"""What is said of a model of an unstable rig, whose open free run says nothing: predictions from estimated states."""
+"""Validation of models of unstable rigs, whose open free run is meaningless: predictions from estimated states."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 MOST_GROWTH = 1e6
-"""Of an error of the initial state over a free run, from which on nothing is left of what was told of the beginning."""
+"""Growth of an error of the initial state over a free run above which the run is meaningless."""
 PAST, APART = 2.0, 0.5
-"""Seconds of a record that tell the state from which a prediction begins, and from one beginning to the next."""
+"""Seconds of a record from which the initial state of a prediction is estimated, and seconds between predictions."""
 AHEAD = ((1.0, False), (5.0, False), (20.0, True))
 """Horizons [s] of predictions, and whether the stabiliser closes them."""
 
 
 class UnstableError(UserError):
-    """A free run that says nothing."""
+    """A free run is meaningless, since the system is unstable."""
 
 
 def check_free_run(system: System, experiment: PreparedRecord) -> None:
-    """Raise UnstableError for a system whose free run over an experiment says nothing: one that is linearly unstable at
-    rest, so that an error of the beginning grows a million times, and whose run has left the record.
+    """Raise UnstableError for a system whose free run over an experiment is meaningless: it is linearly unstable at
+    rest, so that an initial error grows a million times, and its run has left the record.
     """
     rate, seconds = fastest_growth(system), experiment.sampling.period * (experiment.samples - 1)
     if rate * seconds <= np.log(MOST_GROWTH):
@@ -38,24 +38,24 @@ def check_free_run(system: System, experiment: PreparedRecord) -> None:
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.mean((free_run(system, experiment) - experiment.outputs) ** 2, axis=0)
     if np.all(squares < np.var(experiment.outputs, axis=0)):
-        return  # what grows is bounded by something that is not linear, and the run follows
+        return  # a nonlinear term bounds the growth, and the run follows the record
     raise UnstableError(
-        f"{experiment.name}: an open free run over {seconds:.0f} s says nothing of an unstable system: an error of its "
-        f"beginning grows by e in {1.0 / rate:.3g} s; it is judged some seconds ahead, and in closed loop"
+        f"{experiment.name}: an open free run over {seconds:.0f} s is meaningless for an unstable system: an error "
+        f"grows by e in {1.0 / rate:.3g} s; judge it by predictions of some seconds, and in closed loop"
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class PredictionErrors:
-    """Errors some time ahead."""
+    """Errors of predictions over a horizon."""
 
     seconds: float
     closed: bool
     """Whether the stabiliser held the simulation."""
     count: int
-    """Beginnings."""
+    """Number of predictions."""
     scores: Scores
-    """Of the outputs there; R2 by the variance of the record's output."""
+    """Scores of the outputs at the horizon; R2 uses the variance of the record's output."""
 
 
 def predictions(
@@ -65,11 +65,11 @@ def predictions(
     *,
     ahead: Sequence[tuple[float, bool]] = AHEAD,
 ) -> list[PredictionErrors]:
-    """Errors of simulations so many seconds ahead, open or closed by the stabiliser, where the record is long enough.
+    """Errors of predictions over horizons, in open loop or with the stabiliser, where the record is long enough.
 
-    Each begins in the state that meets the PAST seconds before best (states that no output shows are those of the run
-    closed by the stabiliser), and knows nothing after that but the inputs; where it is closed, the noise of the outputs
-    that the rig's inputs answered. A beginning comes every APART seconds.
+    Each begins in the state that fits the preceding PAST seconds best (states that no output shows come from the run
+    with the stabiliser), and uses only the inputs after that; in closed loop these contain the stabiliser's answer to
+    measurement noise. A prediction begins every APART seconds.
 
     Raises UserError for a stabiliser that does not fit the record's sampling.
     """
@@ -115,7 +115,7 @@ def predictions(
 
 
 def _scores(system: System, experiment: PreparedRecord, measured: Array, simulated: Array) -> Scores:
-    """By the deviations of the whole record."""
+    """Scores by the deviations of the whole record."""
     deviation = np.std(experiment.outputs, axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
         rmse = np.nan_to_num(np.sqrt(np.mean((simulated - measured) ** 2, axis=0)), nan=np.inf)
@@ -131,8 +131,8 @@ def _scores(system: System, experiment: PreparedRecord, measured: Array, simulat
 
 
 def stabilised_run(system: System, experiment: PreparedRecord, stabiliser: Array) -> tuple[Array, Array]:
-    """States (samples, states) and outputs (samples, outputs) of one run from one initial state over the whole record,
-    closed by the stabiliser.
+    """States (samples, states) and outputs (samples, outputs) of one run over the whole record, in closed loop with the
+    stabiliser.
     """
     sampling = experiment.sampling
     starts = np.array([[0, 0, experiment.samples, 0]])
