@@ -1,4 +1,4 @@
-"""Exact MPC, its imitation by a network, and what they share."""
+"""Exact MPC, its imitation by a network, and their common parts."""
 
 from hybrid_sysid_ros.control.controller import Controller, MpcSolution, Status
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc

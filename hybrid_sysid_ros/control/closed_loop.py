@@ -1,4 +1,4 @@
-"""A closed loop in one process: plant, estimator, controller and reference, as fast as they compute."""
+"""A closed loop in one process: plant, estimator, controller and reference, without waiting for time to pass."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ OutputReference = Callable[[Array], Array]
 
 
 class ControlledPlant(Protocol):
-    """What a loop is closed around."""
+    """The plant in a closed loop."""
 
     step: float
-    """Of one :meth:`advance` [s]."""
+    """Length of one :meth:`advance` [s]."""
     state: Array
-    """Now, of as many states as the plant has."""
+    """The current state of the plant."""
 
     @property
     def time(self) -> float:
-        """Now [s]."""
+        """The current time [s]."""
         ...
 
     def outputs(self) -> Array:
-        """What the sensors would show without noise now, (p,)."""
+        """Outputs without noise, (p,)."""
         ...
 
     def sensed(self) -> Array:
-        """What they show, (p,)."""
+        """Readings of the sensors, (p,)."""
         ...
 
     def advance(self, inputs: Array) -> None:
-        """One step under inputs (m,)."""
+        """Advance one step under inputs (m,)."""
         ...
 
 
 class StateObserver(Protocol):
-    """What tells the state: an estimator."""
+    """An estimator of the state."""
 
     def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """See :meth:`~hybrid_sysid_ros.estimation.Estimator.update`."""
@@ -54,12 +54,12 @@ class StateObserver(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedLoop:
-    """A loop as it went, a row a sample; SI units. n states of the model, m inputs, p outputs."""
+    """The course of a loop, a row for each sample, in SI units: n states of the model, m inputs, p outputs."""
 
     time: Array
     """(samples,) [s]."""
     outputs: Array
-    """(samples, p), without noise."""
+    """Outputs without noise, (samples, p)."""
     estimates: Array
     """(samples, n), estimated states."""
     references: Array
@@ -67,7 +67,7 @@ class ClosedLoop:
     inputs: Array
     """(samples, m), from each sample on."""
     statuses: Counter[Status] = field(default_factory=Counter)
-    """How often each stood behind an input."""
+    """How often an input had each status."""
     states: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(samples, states of the plant), without noise."""
 
@@ -78,7 +78,7 @@ class ClosedLoop:
         return found
 
     def cost(self, problem: ControlProblem) -> float:
-        """The loop by the stage cost of a problem that is sized, from inputs 0 on."""
+        """Sum of the stage costs by a problem that is sized, with the previous inputs 0 at the start."""
         costs = stage_costs(
             problem,
             outputs=self.outputs,
@@ -103,8 +103,8 @@ def simulate_loop(
 ) -> ClosedLoop:
     """Run a loop from rest.
 
-    inputs: how many. duration [s]. period: of the measurements [s], a multiple of the plant's step. lead: how far
-    the estimate's ``ahead`` lies after its measurement [s]; the preview begins there.
+    inputs: number of inputs. duration [s]. period: that of the measurements [s], a multiple of the plant's step. lead:
+    time from a measurement to the estimate's state ``ahead`` [s]; the preview begins there.
     """
     steps, samples = round(period / plant.step), round(duration / period)
     ahead: Array = lead + controller.period * np.arange(1, controller.horizon + 1, dtype=np.float64)

@@ -12,7 +12,7 @@ from hybrid_sysid_ros.support.arrays import Array
 
 
 class Status(Enum):
-    """What stands behind an input."""
+    """How an input was found."""
 
     SOLVED = "solved"
     """The optimum, to tolerance."""
@@ -21,37 +21,37 @@ class Status(Enum):
     NOT_CONVERGED = "not converged"
     """The solver's last iterate: within the bounds, maybe not optimal."""
     LATE = "late"
-    """Out of time: the rest of the last plan."""
+    """The time was over: the rest of the last plan."""
     FAILED = "failed"
-    """No solution: the rest of the last plan."""
+    """There was no solution: the rest of the last plan."""
     FEEDBACK = "feedback"
     """The input of a fixed law."""
     POLICY = "policy"
-    """The network's plan."""
+    """The network's plan or input."""
     HELD = "held"
-    """Nothing to go on: the last input."""
+    """There was no plan: the last input."""
 
 
 class MpcSolution(NamedTuple):
-    """A tuple, for a data class takes as long to make as a network to answer. n states, m inputs."""
+    """An answer of a controller, with n states and m inputs; a data class would take as long as a network."""
 
     input: Array
-    """(m,), what to apply now, within its bounds."""
+    """The input to apply now, (m,), within its bounds."""
     inputs: Array
-    """(horizon, m), the plan behind it, where the controller has one; else only the first row."""
+    """Its plan, (horizon, m); controllers without a plan give only the first row."""
     states: Array
-    """(horizon, n), where it leads; else no row."""
+    """The predicted states of the plan, (horizon, n), or no row."""
     status: Status
 
 
 def held(previous: Array, problem: ControlProblem, status: Status) -> MpcSolution:
-    """The previous inputs (m,) within their bounds over the whole horizon, 0 or the nearest for what is no number."""
+    """The previous inputs (m,) within their bounds over the whole horizon; 0 or the nearest bound for NaN."""
     last = np.clip(np.where(np.isfinite(previous), previous, 0.0), problem.input_low, problem.input_high)
     return MpcSolution(last, np.tile(last, (problem.horizon, 1)), np.zeros((0, len(problem.state_low))), status)
 
 
 class Controller(Protocol):
-    """horizon: number of preview points. period: their distance [s]."""
+    """The interface of every controller. horizon: number of preview points. period: their distance [s]."""
 
     @property
     def horizon(self) -> int: ...
@@ -62,16 +62,14 @@ class Controller(Protocol):
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """The input for a state.
 
-        state (n,): the one that the input will meet, a delay ahead. disturbance (m,): estimated offset of the inputs.
-        previous_input (m,): the one applied last. preview (horizon, p): reference of the outputs, at period,
-        2 period, ... after the state's time. The input of the plan is within the bounds and finite, always.
+        state (n,): the state when the input acts, a delay ahead. disturbance (m,): estimated offset of the inputs.
+        previous_input (m,): the last applied input. preview (horizon, p): reference of the outputs at period, 2 period,
+        ... after the state's time. The input is always finite and within its bounds.
         """
         ...
 
     def prepare(self, elapsed: float) -> None:
-        """What can be done before the next state is known, ``elapsed`` [s] after this one; call it after the input is
-        out.
-        """
+        """Prepare for the next state, ``elapsed`` [s] after this one; call it after the input was sent."""
         ...
 
     def reset(self) -> None:

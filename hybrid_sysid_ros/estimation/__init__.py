@@ -1,4 +1,4 @@
-"""Kalman filters and moving-horizon estimation on any model, behind one interface."""
+"""Kalman filters and moving-horizon estimation for any model, behind one interface."""
 
 from hybrid_sysid_ros.estimation.estimator import Counters, Estimator, StateEstimate
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter

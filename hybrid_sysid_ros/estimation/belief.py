@@ -1,14 +1,14 @@
-"""A belief about the model's states and what else is unknown: its step, what sensors show, its correction. Compiled.
+"""A belief about the model's states and other unknowns: its prediction, expected readings and correction. Compiled.
 
     x+ = step(x, u + d + w; theta),  d+ = d,  (s, c)+ = rotation(2 pi f h) (s, c),  theta+ = theta
     y  = h(x, u + d; theta) + s
 
 z = [x, d, hums, theta] of ``size`` entries: x the model's states, d an offset of each input and w its white noise, s
-the hum of an output with its quadrature c, theta the followed parameters. Everything but x moves by itself; the process
-noise makes it drift. A belief is a mean (size,) and a root S (size, size) of its covariance, P = S S'.
+the hum of an output with its quadrature c, theta the followed parameters. Only x depends on inputs; process noise makes
+the other entries drift. A belief is a mean (size,) and a root S (size, size) of its covariance, P = S S'.
 
-Settings are one NumPy record ``core`` whose type is the same for every system, so that loops are compiled once; its
-arrays, whose sizes the system decides, it names by their addresses.
+Settings are one NumPy record ``core`` whose type is the same for every system, so that loops are compiled once. It
+holds the addresses of arrays whose sizes depend on the system.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array, Records
 
 REACH = math.sqrt(6.0)
-"""Of differences, in deviations: it sees the break-away of a joint that sticks, which sqrt(3), the best where all is
-smooth, often misses."""
+"""Reach of differences, in deviations. It captures the break-away of a joint that sticks, which sqrt(3), the best value
+for smooth systems, often misses."""
 
 EMPTY, GIVEN, USED, GATED, INITIALISED = 0, 1, 2, 3, 4
-"""Fate of a reading: there is none, not looked at yet, used, an outlier, what the estimator began with."""
+"""State of a reading: missing, not processed yet, used, gated as an outlier, or used for initialisation."""
 
 _INTEGERS = (
     *("states", "inputs", "outputs", "channels", "size", "followed", "hums"),  # how many
@@ -45,34 +45,35 @@ _INTEGERS = (
 _NUMBERS = ("longest_step", "slack", "span", "gate", "lead")
 CORE = np.dtype([*((name, "i8") for name in _INTEGERS), *((name, "f8") for name in _NUMBERS)])
 """windowed: whether the method optimises over the last ``span`` [s]. count: moments in use, keep: how many stay when
-there is no room, at: the one of the last measurement, fresh: the first one that was made for it; wrong: inputs that
-came with it and were no numbers. An interval becomes ceil(interval / longest_step - slack) steps. lead [s]: how far
-ahead an answer looks. gate: largest normalised squared innovation to believe.
+memory is full, at: the moment of the last measurement, fresh: the first one that was made for it; wrong: inputs of that
+measurement that were no numbers. An interval becomes ceil(interval / longest_step - slack) steps. lead [s]: how far
+ahead an answer predicts. gate: largest normalised squared innovation that is accepted.
 """
 
 CHANNEL = np.dtype([("state", "i8"), ("output", "i8"), ("hum", "i8"), ("noise", "f8")])
-"""state: the one that is measured, -1: the output of the map. hum: place of its sine in z, -1: none. noise: variance.
+"""state: index of the measured state, -1: computed by the output map. hum: index of its sine in z, -1: none. noise:
+variance.
 """
 
 MOMENT = np.dtype([("time", "f8"), ("row", "i8")])
-"""time [s]; row: of its belief and its readings in the arrays."""
+"""time [s]; row: index of its belief and readings in the arrays."""
 
 READING = np.dtype([("value", "f8"), ("innovation", "f8"), ("normalised", "f8"), ("fate", "i8"), ("outliers", "i8")])
-"""Of a channel at a moment; innovation before any of the moment's readings, its normalised square after those of the
-channels before; outliers: in a row up to here.
+"""Reading of a channel at a moment: innovation before any reading of the moment, its normalised square after those of
+earlier channels, and outliers: consecutive outliers so far.
 """
 
 
 class Memory(NamedTuple):
-    """What kernels are given first, as a plain tuple, as Python passes on a named one four times as slowly: records
-    of the types above, and the past inputs.
+    """First argument of kernels: records of the types above, and the past inputs. It is passed as a plain tuple, since
+    Python passes a named one four times as slowly.
 
     """
 
     core: Records
     """(1,) of CORE."""
     channels: Records
-    """(channels,) of CHANNEL: the outputs, then the tuning's further ones."""
+    """(channels,) of CHANNEL: the outputs, then the tuning's further channels."""
     moments: Records
     """(capacity,) of MOMENT."""
     readings: Records
@@ -93,7 +94,7 @@ def _at(typingctx, address):  # type: ignore[no-untyped-def]
 
 @inner
 def numbers_at(address: int) -> Any:
-    """What is at an address, without a length."""
+    """The numbers at an address, without a length."""
     return _at(address)
 
 
@@ -117,20 +118,20 @@ def mean_of(core: Any, row: int) -> Array:
 
 @inner
 def root_of(core: Any, row: int) -> Array:
-    """Root (size, size) of its covariance."""
+    """Root (size, size) of a belief's covariance."""
     return matrix(core.roots + 8 * row * core.size * core.size, core.size, core.size)
 
 
 @inner
 def copy(source: Array, target: Array) -> None:
-    """Compiled in no time, as an assignment of slices is not."""
+    """Copy an array; an assignment of slices would take long to compile."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
 
 @inner
 def copy_matrix(source: Array, target: Array) -> None:
-    """The same of matrices."""
+    """Copy a matrix."""
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]
@@ -138,7 +139,7 @@ def copy_matrix(source: Array, target: Array) -> None:
 
 @inner
 def clip_state(core: Any, mean: Array) -> None:
-    """Hold a state within its bounds."""
+    """Limit states to their bounds."""
     low, high = numbers_at(core.low), numbers_at(core.high)
     for i in range(core.states, mean.shape[0]):
         mean[i] = min(max(mean[i], low[i]), high[i])
@@ -168,7 +169,7 @@ def move(core: Any, z: Array, drive: Array, h: float, following: Array) -> None:
 
 @inner
 def rest(core: Any, z: Array, h: float, following: Array) -> None:
-    """The same step of what moves by itself."""
+    """The same step for the entries of z that do not depend on inputs."""
     first, size = core.states, z.shape[0]
     for i in range(first, size):
         following[i] = z[i]
@@ -183,7 +184,7 @@ def rest(core: Any, z: Array, h: float, following: Array) -> None:
 
 @inner
 def add_process_noise(core: Any, rows: Array, count: int, h: float) -> int:
-    """Append the rows of the root of Q h; returns the new count."""
+    """Append the rows of the root of Q h; return the new count."""
     process, size = numbers_at(core.process), rows.shape[1]
     for i in range(size):
         if process[i] > 0.0:
@@ -204,8 +205,8 @@ def _show(core: Any, z: Array, shown: Array) -> None:
 
 @inner
 def _map_outputs(core: Any, at: Array, root: Array) -> None:
-    """The output map over the columns of the root, as in :func:`differences`: core.shown has its mean (outputs,) and
-    then the variance of its second differences (outputs,), core.by_output (outputs, size) the first ones.
+    """The output map over the columns of the root, as in :func:`differences`: core.shown gets its mean (outputs,) and
+    the variance of its second differences (outputs,), core.by_output (outputs, size) the first differences.
     """
     p, size = core.outputs, at.shape[0]
     shown, above, below = vector(core.shown, 2 * p), vector(core.above_shown, 2 * p), vector(core.below_shown, 2 * p)
@@ -230,8 +231,8 @@ def _map_outputs(core: Any, at: Array, root: Array) -> None:
 
 @inner
 def expect(core: Any, channels: Records, readings: Records, at: Array, mean: Array, root: Array) -> None:
-    """What the channels that have a reading should show: core.expected and core.variance (channels,) of their noise,
-    core.sensitivity (channels, size) by the columns of the root. ``at`` is where a map is seen, ``mean`` is expected.
+    """Expected readings of the channels that have one: core.expected and core.variance (channels,), with noise, and
+    core.sensitivity (channels, size) by columns of the root. Maps are evaluated around ``at``, states at ``mean``.
     """
     size, count = at.shape[0], core.channels
     expected, variance, sensitivity = (
@@ -275,7 +276,7 @@ def expect(core: Any, channels: Records, readings: Records, at: Array, mean: Arr
 
 @inner
 def solve_triangular(root: Array, x: Array) -> None:
-    """S^-1 x in place, S lower triangular; what has no variance has no say."""
+    """S^-1 x in place, S lower triangular; entries without variance become zero."""
     for i in range(x.shape[0]):
         for k in range(i):
             x[i] -= root[i, k] * x[k]
@@ -284,7 +285,7 @@ def solve_triangular(root: Array, x: Array) -> None:
 
 @inner
 def squared(root: Array, out: Array) -> None:
-    """P = S S'."""
+    """The covariance P = S S'."""
     size = root.shape[0]
     for i in range(size):
         for j in range(i + 1):
@@ -296,10 +297,10 @@ def squared(root: Array, out: Array) -> None:
 
 @inner
 def correct(core: Any, channels: Records, readings: Records, at: Array, mean: Array, root: Array, judge: bool) -> None:
-    """Use a moment's readings (channels,) one after the other; judge: decide first which to believe.
+    """Use a moment's readings (channels,) one after the other; judge: first decide which are outliers.
 
-    Independent noise makes the order indifferent. The root's correction is Potter's: Kaminski, Bryson, Schmidt (1971),
-    IEEE TAC 16(6), eq. (19); the rest Bar-Shalom, Li, Kirubarajan (2001), section 5.2. ``at``: where maps are seen.
+    The order is irrelevant for independent noise. The root's correction is Potter's: Kaminski, Bryson, Schmidt (1971),
+    IEEE TAC 16(6), eq. (19); the rest Bar-Shalom, Li, Kirubarajan (2001), section 5.2. Maps are seen around ``at``.
     """
     count, size = core.channels, mean.shape[0]
     expected, noise = numbers_at(core.expected), numbers_at(core.variance)
@@ -331,7 +332,7 @@ def correct(core: Any, channels: Records, readings: Records, at: Array, mean: Ar
         for i in range(size):
             for j in range(size):
                 root[i, j] -= share * gain[i] * a[j]  # (4) S (I - g a a'),  g = 1 / (V + sqrt(R V))
-        for other in range(c + 1, count):  # (5) and what is expected of the others
+        for other in range(c + 1, count):  # (5) and the expected readings of the others
             if readings[other].fate != EMPTY:
                 common = 0.0
                 for i in range(size):

@@ -1,4 +1,4 @@
-"""Whether an estimator is as sure as it may be: normalised squares, and the bands that chance leaves them.
+"""Consistency of an estimator: normalised squared errors, and the bands in which they lie by chance.
 
 Bar-Shalom, Li, Kirubarajan (2001), Estimation with Applications to Tracking and Navigation, section 5.4.
 """
@@ -12,18 +12,18 @@ import numpy as np
 from hybrid_sysid_ros.support.arrays import Array
 
 NORMAL = 1.959963984540054
-"""Deviations about the mean that hold 95 % of a normal distribution."""
+"""Deviations around the mean that contain 95 % of a normal distribution."""
 
 
 def normalised_errors(errors: Array, covariances: Array) -> Array:
-    """Squares e' P^-1 e of errors (..., n) under covariances (..., n, n); of a consistent estimator n in the mean."""
+    """Squares e' P^-1 e of errors (..., n) for covariances (..., n, n); their mean is n for a consistent estimator."""
     return np.asarray(np.einsum("...i,...i->...", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]))
 
 
 def band(samples: int, degrees: int = 1) -> tuple[float, float]:
-    """The 95 % band of the mean of ``samples`` independent chi-square numbers of so many degrees of freedom.
+    """The 95 % band of the mean of ``samples`` independent chi-square numbers with ``degrees`` of freedom.
 
-    By the cube root that Wilson & Hilferty (1931) found nearly normal: within 1 % from 10 degrees, .1 % from 100.
+    It uses the nearly normal cube root of Wilson & Hilferty (1931): within 1 % from 10 degrees, .1 % from 100.
     """
     total = samples * degrees
     spread = 2.0 / (9.0 * total)

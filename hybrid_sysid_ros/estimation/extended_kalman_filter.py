@@ -22,15 +22,15 @@ from hybrid_sysid_ros.estimation.measurement_sequence import filtered
 from hybrid_sysid_ros.support.arrays import Array
 
 NO_VARIANCE = 1e-7
-"""Share of a deviation that counts as none, where the rest is explained by earlier entries."""
+"""Share of a deviation that counts as zero, where earlier entries explain the rest."""
 
 
 @inner
 def differences(core: Any, at: Array, root: Array, drive: Array, h: float, following: Array, rows: Array) -> int:
-    """One step of all that lies about ``at`` as ``root`` says, by second-order divided differences.
+    """One step of the distribution around ``at`` with the root ``root``, by second-order divided differences.
 
-    Dry friction has corners that are narrower than what is uncertain: a derivative sees the rig stick or slip, a
-    difference what lies between. So the step f is seen over the columns s of the root,
+    Dry friction has corners that are narrower than the uncertainty: a derivative sees the rig either stick or slip, a
+    difference averages over both. So the step f is evaluated over the columns s of the root,
 
         d1 = (f(z + r s) - f(z - r s)) / 2 r,  d2 = (f(z + r s) - 2 f(z) + f(z - r s)) / r^2
         mean = f(z) + sum d2 / 2,  covariance = sum d1 d1' + sum d2 d2' / 2
@@ -38,8 +38,8 @@ def differences(core: Any, at: Array, root: Array, drive: Array, h: float, follo
     with the reach r, where a normal e has E e^2 = 1 and var e^2 = 2. Source: Norgaard, Poulsen, Ravn (2000), Automatica
     36(11).
 
-    ``following`` (size,) receives the mean, the first ``size`` of ``rows`` the d1, the others the d2 and what the
-    inputs' noise adds, the last ones process noise; returns how many there are. ``root`` becomes triangular.
+    ``following`` (size,) receives the mean, the first ``size`` of ``rows`` the d1, the next ones the d2 and the inputs'
+    noise, the last ones the process noise; the number of rows is returned. ``root`` becomes triangular.
     """
     n, m, size = core.states, core.inputs, at.shape[0]
     above, below = vector(core.above, size), vector(core.below, size)
@@ -98,11 +98,11 @@ def differences(core: Any, at: Array, root: Array, drive: Array, h: float, follo
 def triangle(rows: Array, count: int, root: Array) -> None:
     """Lower triangular S (size, size) with S S' = A' A of the first ``count`` rows A (rows, size), which are destroyed.
 
-    Householder's reflections: Golub, Van Loan (2013), Matrix Computations, algorithm 5.2.1. What has no variance beyond
-    that of earlier entries has a column of zeros.
+    Householder's reflections: Golub, Van Loan (2013), Matrix Computations, algorithm 5.2.1. An entry without variance
+    beyond that of earlier ones has a column of zeros.
     """
     size, row = root.shape[0], 0
-    a, s = pointer(rows), pointer(root)  # bare memory, whose loops are fast
+    a, s = pointer(rows), pointer(root)  # plain memory, whose loops are fast
     for j in range(size):
         norm, earlier = 0.0, 0.0
         for i in range(row, count):
@@ -149,12 +149,12 @@ def _run(
 
 
 class ExtendedKalmanFilter(Estimator):
-    """The root S of the covariance, P = S S', goes through differences of the step; see :class:`~.estimator.Estimator`.
+    """Predicts the root S of the covariance, P = S S', by differences of the step; see :class:`~.estimator.Estimator`.
 
         prediction   z+ = mean of f(z, u),  S+' = triangle of [d1 over S and the inputs' noise; d2; sqrt(Q dt)]
         correction   V = H P H' + R,  z += P H' (y - h(z)) / V,  S (I - g a a'),  a = S' H'
 
-    The differences d1 and d2 over what is uncertain stand for derivatives, which know nothing of friction's corners:
+    The differences d1 and d2 over the uncertainty replace derivatives, which miss the corners of friction: see
     :func:`differences`, by Norgaard, Poulsen, Ravn (2000), Automatica 36(11).
     """
 

@@ -1,4 +1,4 @@
-"""What an estimator begins with: its memory, made once, and the beliefs with which it starts and starts again."""
+"""Initialisation of an estimator: its memory, which is made once, and its initial beliefs."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ LONGEST_STEP = 0.005
 """Longest integration step of a prediction [s]; the models are identified at this step or a shorter one."""
 
 LONGEST_GAP = 1.0
-"""Time without a measurement [s] over which a prediction is worth less than starting from the next measurement."""
+"""Time without a measurement [s] after which an estimator starts again from the next one."""
 
 HUM_OBSERVABLE = 0.1
-"""Smallest |sin(pi f T)| at which a hum of f looks different from a constant when sampled every T."""
+"""Smallest |sin(pi f T)| at which a hum of frequency f, sampled every T, can be distinguished from a constant."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Initialisation:
-    """Writes beliefs with which kernels then begin at a moment of a memory. States that are measured begin as they are,
-    the others where :meth:`~hybrid_sysid_ros.core.System.record_map` puts them, with the deviations of the tuning.
+    """Writes initial beliefs of kernels at a moment of a memory. Measured states begin at their readings, others at the
+    values of :meth:`~hybrid_sysid_ros.core.System.record_map`, with the deviations of the tuning.
     """
 
     system: System
@@ -37,8 +37,8 @@ class Initialisation:
     arrays: dict[str, Array]
 
     def fresh(self, time: float, applied: Array, first: int, values: Array) -> None:
-        """Prepare to begin at ``time`` [s] with values of the channels from ``first`` on and inputs that have stood at
-        ``applied`` (inputs,), nothing else known.
+        """Prepare to begin at ``time`` [s] with values of the channels from ``first`` on and inputs that were constant
+        at ``applied`` (inputs,), without other knowledge.
         """
         memory, known = self.memory, self.arrays["applied"]
         memory.core["count"] = 1
@@ -57,9 +57,8 @@ class Initialisation:
         self._write(0, *self._belief(0, mean, ()))
 
     def again(self, index: int, lost: Sequence[int]) -> bool:
-        """Prepare to begin again at a moment, from its readings, for the sake of the channels ``lost`` that were
-        outliers for too long; offsets and parameters stay. False where another channel that was believed meanwhile
-        contradicts them.
+        """Prepare to begin again at a moment, from its readings, because the channels ``lost`` were outliers for too
+        long; offsets and parameters stay. False where another channel contradicts them that was accepted meanwhile.
         """
         row = self.memory.moments["row"][index]
         before, root = self.arrays["means"][row].copy(), self.arrays["roots"][row]
@@ -79,7 +78,7 @@ class Initialisation:
         return True
 
     def last_outputs(self) -> Array:
-        """The newest value of each output (outputs,), 0 where there was none."""
+        """The newest reading of each output (outputs,), 0 where there was none."""
         rows = self.memory.moments["row"][: self.memory.core["count"][0]]
         found = np.zeros(len(self.system.outputs))
         for k in range(len(found)):
@@ -92,8 +91,8 @@ class Initialisation:
         return self.memory.readings[self.memory.moments["row"][index]]
 
     def _belief(self, index: int, before: Array, lost: Sequence[int]) -> tuple[Array, Array, Sequence[int]]:
-        """Mean and deviations (size,) by the readings of a moment, those of the channels ``lost`` before others of the
-        same state, what is slow as it was ``before`` (size,); and the channels whose readings are in it already.
+        """Mean and deviations (size,) from the readings of a moment, and the channels whose readings they contain.
+        Those of ``lost`` come before others of the same state; offsets and parameters are as ``before`` (size,).
         """
         n, m, p = len(self.system.states), len(self.system.inputs), len(self.system.outputs)
         readings, channels = self._readings(index), self.memory.channels
@@ -115,7 +114,7 @@ class Initialisation:
         return mean, deviations, list(initialised.values())
 
     def _write(self, index: int, mean: Array, deviations: Array, initialised: Sequence[int]) -> None:
-        """Write the belief; a sensor that has told nothing yet may win with its first value."""
+        """Write the belief; a sensor without readings so far may overrule it with its first value."""
         readings = self._readings(index)
         given = readings["fate"] != EMPTY
         readings["fate"][given] = GIVEN
@@ -125,7 +124,7 @@ class Initialisation:
         self.arrays["means"][row], self.arrays["roots"][row] = mean, np.diag(deviations)
 
     def _shown(self, z: Array) -> Array:
-        """What each channel shows at z (size,) but for its hum, (channels,)."""
+        """Readings of each channel at z (size,) without hum, (channels,)."""
         n, m, p = len(self.system.states), len(self.system.inputs), len(self.system.outputs)
         named = self.system.named | dict(
             zip(self.tuning.followed, z[len(z) - len(self.tuning.followed) :], strict=True)
@@ -137,7 +136,7 @@ class Initialisation:
         return np.where(channels["state"] >= 0, z[channels["state"]], outputs[channels["output"]])
 
     def _variance(self, z: Array, columns: Array) -> Array:
-        """Of what each channel shows about z (size,), by the columns of a root (size, size)."""
+        """Variance of each channel's reading around z (size,), by the columns of a root (size, size)."""
         sides = [self._shown(z + column) - self._shown(z - column) for column in columns.T]
         return np.asarray(np.sum(np.square(sides), axis=0) / 4.0)
 
@@ -146,9 +145,9 @@ def memory_of(
     system: System, tuning: Tuning, *, period: float, step: float, span: float, lead: float, windowed: bool
 ) -> tuple[Memory, dict[str, Array]]:
     """A memory for measurements every ``period`` [s] that reaches back over ``span`` [s], and its arrays by name, which
-    must live as long.
+    must live as long as the memory.
 
-    tuning: as :meth:`~.tuning.Tuning.checked` gives it. step: longest one of a prediction [s].
+    tuning: the result of :meth:`~.tuning.Tuning.checked`. step: longest step of a prediction [s].
     """
     n, m, p = len(system.states), len(system.inputs), len(system.outputs)
     channels, hums = _channels(system, tuning, period)
@@ -200,7 +199,7 @@ def memory_of(
 
 
 def _known(system: System, tuning: Tuning, hums: list[int]) -> dict[str, Array]:
-    """What is known of z, of the inputs and of the system's own numbers; hums: outputs whose hum is estimated."""
+    """Constants of z, of the inputs and of the system by name; hums: outputs whose hum is estimated."""
     n, m = len(system.states), len(system.inputs)
     first = n + m
     tail = first + 2 * len(hums)
@@ -234,7 +233,7 @@ def _known(system: System, tuning: Tuning, hums: list[int]) -> dict[str, Array]:
 def _channels(system: System, tuning: Tuning, period: float) -> tuple[Records, list[int]]:
     """The channels, and the outputs whose hum is estimated.
 
-    Sampled at a multiple of its period a hum looks like a constant: then it can only count as noise.
+    A hum that is sampled at a multiple of its period looks like a constant: then it counts as noise.
     """
     offset = len(system.states) + len(system.inputs)
     states, outputs = shown_states(system), [item.name for item in system.outputs]

@@ -37,7 +37,7 @@ from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Array, Records
 
 ITERATIONS = 2
-"""Gauss-Newton steps for a measurement: the window before is the start, and a third changes nothing."""
+"""Gauss-Newton steps for each measurement; they begin at the last window, and a third step changes nothing."""
 
 
 @inner
@@ -57,13 +57,13 @@ def _predicted_root(core: Any, row: int) -> Array:
 
 @inner
 def _transition(core: Any, row: int) -> Array:
-    """First differences of the step to a moment over the columns of the filtered root before: column i in row i."""
+    """First differences of the step to a moment over the previous filtered root; its column i is in row i."""
     return matrix(core.transitions + 8 * row * core.size * core.size, core.size, core.size)
 
 
 @inner
 def _solve(core: Any, channels: Records, moments: Records, readings: Records, inputs: Array, first: int) -> None:
-    """Gauss-Newton over the moments from ``first`` on; their means are where it starts, and what it finds."""
+    """Gauss-Newton over the moments from ``first`` on; their means are its initial values and its result."""
     for iteration in range(ITERATIONS):
         _forward(core, channels, moments, readings, inputs, first, iteration == 0)
         _backward(core, moments, first)
@@ -73,7 +73,7 @@ def _solve(core: Any, channels: Records, moments: Records, readings: Records, in
 def _forward(
     core: Any, channels: Records, moments: Records, readings: Records, inputs: Array, first: int, judge: bool
 ) -> None:
-    """A Kalman filter over the problem linearised about the trajectory, from the first moment's prior on."""
+    """A Kalman filter over the problem linearised around the trajectory, from the first moment's prior on."""
     size = core.size
     rows, away = matrix(core.rows, 3 * size + 2 * core.inputs + 1, size), vector(core.gain, size)
     for k in range(first, core.count):
@@ -133,7 +133,7 @@ def _backward(core: Any, moments: Records, first: int) -> None:
 
 @inner
 def solve_transposed(root: Array, x: Array) -> None:
-    """S'^-1 x in place, S lower triangular; what has no variance has no say."""
+    """S'^-1 x in place, S lower triangular; entries without variance become zero."""
     for i in range(x.shape[0] - 1, -1, -1):
         for k in range(i + 1, x.shape[0]):
             x[i] -= root[k, i] * x[k]
@@ -142,7 +142,7 @@ def solve_transposed(root: Array, x: Array) -> None:
 
 @inner
 def _guess(core: Any, moments: Records, inputs: Array, first: int, last: int) -> None:
-    """The first trajectory of new moments: where the model leads to."""
+    """The initial trajectory of new moments, which is the model's prediction."""
     for k in range(max(first, 1), last + 1):
         before, mean = mean_of(core, moments[k - 1].row), mean_of(core, moments[k].row)
         h = moments[k].time - moments[k - 1].time
@@ -173,15 +173,15 @@ def _run(
 
 
 class MovingHorizonEstimator(Estimator):
-    """The trajectory z_0 ... z_N over the last measurements that costs least.
+    """Minimises the cost of a trajectory z_0 ... z_N over the last measurements.
 
         |z_0 - prior|^2_P0 + sum |z_k+1 - f(z_k, u_k)|^2_(Q dt) + sum |y_k - h(z_k)|^2_R,   |e|^2_M = e' M^-1 e
 
     See :class:`~.estimator.Estimator` for the rest. Each Gauss-Newton step is one pass of a Kalman filter forwards and
-    one of a smoother backwards over the problem linearised about the trajectory, so that it costs as much as N updates.
-    Steps are taken whole: their transitions are differences over what is uncertain, which the cost's own corners would
-    stall. The arrival cost (prior, P0) of a moment is what the filter's pass predicted there, from measurements that
-    have left the window. A measurement out of order is put in its place within the window.
+    one of a smoother backwards over the problem linearised around the trajectory, so it costs as much as N updates.
+    Full steps are taken without a line search, which the corners of the cost would stall. The arrival cost (prior, P0)
+    of a moment is the filter's prediction there, from measurements that have left the window. A measurement out of
+    order is inserted at its time within the window.
 
     Source: Rao, Rawlings, Mayne (2003), IEEE TAC 48(2), with the filtering update of the arrival cost; the passes: Bell
     (1994), SIAM J. Optim. 4(3), and Rauch, Tung, Striebel (1965).

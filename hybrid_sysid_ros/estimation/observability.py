@@ -1,4 +1,4 @@
-"""What measurements can't tell: states that no sensor shows, and parameters that act like an offset of an input."""
+"""Observability: states that no sensor shows, and parameters that act like an offset of an input."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 RUNS, STEPS = 6, 80
-"""Free runs from random states, and their steps, over which a state is to be seen."""
+"""Number of free runs from random states, and their steps, in which a state must have an effect."""
 
 UNSEEN = 1e-8
-"""Share of the strongest direction's effect below which a direction is not seen."""
+"""Share of the strongest direction's effect below which a direction counts as unobservable."""
 
 LASTING = 0.999
-"""Share of a deviation that may be left after a run where nothing shows it."""
+"""Share of an unobservable deviation that may be left after a run."""
 
 SMALLEST = 1e-6
-"""Change of a parameter or an input over which its effect is seen."""
+"""Change of a parameter or an input for computing its effect."""
 
 ALIKE = 0.05
-"""Share of a parameter's effect that an offset of the input may leave, where the two are taken for one: 1.6 % of the
-shipped hybrid's centre, whose network reads the input as well; 16 % and more of its other parameters."""
+"""Largest share of a parameter's effect that an offset of the input can't reproduce, for both to count as the same: it
+is 1.6 % for the shipped hybrid's centre, whose network reads the input too, and 16 % or more for other parameters."""
 
 
 def check_observable(system: System, tuning: Tuning, *, step: float) -> None:
-    """Raise UserError where a state or an input's offset neither shows in what is measured nor dies away by itself.
+    """Raise UserError where a state or an input's offset neither affects measurements nor decays by itself.
 
     The empirical observability Gramian (Krener, Ide 2009, IEEE CDC, eq. 8): free runs from either side of random states
-    under random inputs, so that contacts slide. Not asked for: deflections of bristles, which die away when they slide,
-    and states of a recurrence, which are its memory. tuning: as :meth:`~.tuning.Tuning.checked` gives it.
+    under random inputs, so that contacts slide. Deflections of bristles, which decay when they slide, and states of a
+    recurrence, which are its memory, are not examined. tuning: the result of :meth:`~.tuning.Tuning.checked`.
     """
     if isinstance(system, Recurrence):
         return
@@ -54,14 +54,14 @@ def check_observable(system: System, tuning: Tuning, *, step: float) -> None:
     def effects(values: Array) -> Array:
         """Half the difference of the two sides, (moves, runs, steps, columns)."""
         sides = values.reshape(count, 2, RUNS, STEPS, -1)
-        with np.errstate(invalid="ignore"):  # some laws run away
+        with np.errstate(invalid="ignore"):  # some laws diverge
             return np.asarray(0.5 * (sides[:, 0] - sides[:, 1]))
 
     seen = effects(np.column_stack([outputs, *_further(system, tuning, states, outputs)]))
     ends = effects(states)[:, :, -1, :n] / scales[:n]
     finite = np.all(np.isfinite(seen), axis=(0, 2, 3)) & np.all(np.isfinite(ends), axis=(0, 2))
     if not np.any(finite):
-        return  # every run left what numbers can hold: nothing can be said
+        return  # every run overflowed: nothing can be decided
     noise = np.array([*tuning.measurement_noise, *(channel.noise for channel in tuning.channels.values())])
     weighted = (seen[:, finite] / noise).reshape(count, -1)
     sizes = np.linalg.norm(weighted, axis=1)
@@ -71,7 +71,7 @@ def check_observable(system: System, tuning: Tuning, *, step: float) -> None:
     if not hidden.size:
         return
     hidden, _ = np.linalg.qr(hidden)
-    stay = np.broadcast_to(np.eye(count)[:, None, n:], (count, int(finite.sum()), count - n))  # an offset stays
+    stay = np.broadcast_to(np.eye(count)[:, None, n:], (count, int(finite.sum()), count - n))  # an offset is constant
     left = np.concatenate([ends[:, finite], stay], axis=2).reshape(count, -1).T / np.sqrt(finite.sum())
     _, lasting, mixed = np.linalg.svd(left @ hidden, full_matrices=False)
     if lasting[0] >= LASTING:
@@ -86,7 +86,7 @@ def check_observable(system: System, tuning: Tuning, *, step: float) -> None:
 
 
 def _further(system: System, tuning: Tuning, states: Array, outputs: Array) -> list[Array]:
-    """What the tuning's channels show."""
+    """Readings of the tuning's channels."""
     names, shown = [item.name for item in system.states], [item.name for item in system.outputs]
     return [
         outputs[:, shown.index(channel.of)] if channel.of in shown else states[:, names.index(channel.of)]
@@ -95,10 +95,10 @@ def _further(system: System, tuning: Tuning, states: Array, outputs: Array) -> l
 
 
 def offset_gains(system: System, tuning: Tuning, *, step: float) -> Array | None:
-    """For each followed parameter the offset of the inputs that does the same, per unit: (followed, inputs), 0: none.
+    """For each followed parameter the equivalent offset of the inputs per unit, (followed, inputs); 0: none.
 
-    None where no parameter is like an offset of the inputs. Raises UserError where one is and that offset is to be
-    estimated as well: no measurement tells the two apart.
+    None where no parameter is equivalent to an offset of the inputs. Raises UserError where one is and that offset is
+    estimated as well, since no measurement can distinguish them.
     """
     m = len(system.inputs)
     gains = np.zeros((len(tuning.followed), m))
@@ -120,14 +120,14 @@ def offset_gains(system: System, tuning: Tuning, *, step: float) -> Array | None
         found = [np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(by_input, by_parameter, strict=True) if np.any(a)]
         gain = np.median(found, axis=0) if found else np.zeros(m)
         left = [np.linalg.norm(b - a @ gain) for a, b in zip(by_input, by_parameter, strict=True)]
-        # Nearly everywhere: a difference across a corner of the law says nothing.
+        # A difference across a corner of the law is meaningless, so nearly all must agree.
         alike = np.array(left) <= ALIKE * np.linalg.norm(by_parameter, axis=1)
         if np.any(gain) and np.mean(alike) > 0.9:
             gain[np.abs(gain) < 1e-6 * np.max(np.abs(gain))] = 0.0
             for j, item in enumerate(system.inputs):
                 if gain[j] and tuning.disturbance_noise[j] > 0.0:
                     raise UserError(
-                        f"parameter {name} can't be told from an offset of input {item.name}: set its "
+                        f"parameter {name} can't be distinguished from an offset of input {item.name}: set its "
                         f"disturbance_noise to 0 to follow {name} in its place, or don't follow it"
                     )
             gains[k] = gain

@@ -1,4 +1,4 @@
-"""What an estimator is told about the sensors and about what the model does not know."""
+"""Tuning of an estimator: noise of the sensors, and uncertainty of the model."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class SensorChannel:
     of: str
     """Name of the output or the state that it measures."""
     noise: float
-    """Deviation of a measurement [its unit]."""
+    """Standard deviation of a measurement, in its unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,27 +30,25 @@ class Tuning:
     process_noise: Numbers
     """Deviation of each state after one second, (n,) [state unit / sqrt(s)]; velocities dominate."""
     disturbance_noise: Numbers
-    """The same of the offset of each input, (m,) [input unit / sqrt(s)]; 0: there is none."""
+    """Deviation of the offset of each input after one second, (m,) [input unit / sqrt(s)]; 0: no offset."""
     disturbance_limit: Numbers
-    """Largest offset to believe, (m,) [input unit]."""
+    """Limit of each estimated offset, (m,) [input unit]."""
     input_noise: Numbers = (0.0,)
-    """White noise of each input, (m,) [input unit sqrt(s)]: what the model does not know about forces, and friction
-    swallows at rest.
-    """
+    """White noise of each input, (m,) [input unit sqrt(s)]: unmodelled forces, which friction absorbs at rest."""
     hum_hertz: Numbers = (0.0,)
     """Frequency of a sine in each sensor, (p,) [Hz]; 0: none."""
     hum_amplitude: Numbers = (0.0,)
-    """(p,) [output unit]; 0: none."""
+    """Amplitude of the hum in each sensor, (p,) [output unit]; 0: none."""
     hum_noise: Numbers = (0.0,)
     """Drift of the hum, (p,) [output unit / sqrt(s)]."""
     initial_deviation: Numbers = ()
-    """Of each state that no sensor shows at the start, (n,) [state unit]; default: what its process noise makes of it
-    in 100 s.
+    """Initial deviation of each state without a sensor, (n,) [state unit]; by default that of its process noise after
+    100 s.
     """
     gate: float = 25.0
-    """Largest normalised squared innovation of a measurement that is believed."""
+    """Largest normalised squared innovation of a measurement that is used."""
     patience: int = 5
-    """Outliers of a sensor in a row after which its measurement wins."""
+    """Consecutive outliers of a sensor after which the estimator is initialised from it."""
     followed: Mapping[str, float] = field(default_factory=dict)
     """Parameters of the system that change slowly: name -> deviation after one second [its unit / sqrt(s)]; each stays
     within its bounds.
@@ -60,14 +58,14 @@ class Tuning:
     window: float = 0.2
     """Age [s] up to which a measurement that comes after newer ones is still used."""
     horizon: int = 20
-    """Measurements that a moving-horizon estimator looks back over, in place of the window."""
+    """Number of measurements in the horizon of a moving-horizon estimator, which replaces the window."""
 
     def checked(self, system: System) -> Tuning:
-        """The same with an entry for each state, input and output. Raises UserError where it doesn't fit the system."""
+        """A tuning with an entry for each state, input and output. Raises UserError where it doesn't fit the system."""
         if not (self.horizon >= 1 and 0.0 <= self.window < math.inf):
-            raise UserError(f"horizon is {self.horizon}, window {self.window:g} s: one measurement, 0 s at least")
+            raise UserError(f"horizon is {self.horizon}, window {self.window:g} s: they need at least 1 and 0 s")
         if not (self.gate > 0.0 and self.patience >= 0):
-            raise UserError(f"gate is {self.gate:g}, patience {self.patience}: above 0, and 0 at least")
+            raise UserError(f"gate is {self.gate:g}, patience {self.patience}: they need above 0, and at least 0")
         self._check_followed(system)
         self._check_channels(system)
         process = _each("process_noise", self.process_noise, system.states, "state")
@@ -91,15 +89,15 @@ class Tuning:
             if name not in known:
                 raise UserError(f"{kind} has no parameter {name} to follow: it has {', '.join(known)}")
             if known[name].fixed or name in system.delays.values():
-                raise UserError(f"{kind}: parameter {name} can't be followed: take another one")
+                raise UserError(f"{kind}: parameter {name} can't be followed: choose another one")
             if not (math.isfinite(drift) and drift > 0.0):
-                raise UserError(f"parameter {name} is to drift by {drift:g} a root of a second: give more than 0")
+                raise UserError(f"parameter {name} drifts by {drift:g} per root of a second: give more than 0")
 
     def _check_channels(self, system: System) -> None:
         known = list(dict.fromkeys(item.name for item in (*system.outputs, *system.states)))
         for name, channel in self.channels.items():
             if channel.of not in known:
-                raise UserError(f"channel {name} is of {channel.of}, which is none of {', '.join(known)}")
+                raise UserError(f"channel {name} measures {channel.of}, which is none of {', '.join(known)}")
             if not (math.isfinite(channel.noise) and channel.noise > 0.0):
                 raise UserError(f"channel {name}: noise is {channel.noise:g}: it must be above 0")
 
@@ -112,6 +110,6 @@ def _each(name: str, given: Numbers, of: Sequence[Variable], what: str, *, above
         raise UserError(f"{name} has {len(values)} entries for {len(of)} {what}s: {names}; give one for each, or one")
     for item, value in zip(of, values, strict=True):
         if not (value > 0.0 if above else value >= 0.0) or (value == math.inf and name != "disturbance_limit"):
-            least = "must be above 0" if above else "must be 0 at least"
+            least = "must be above 0" if above else "must be at least 0"
             raise UserError(f"{name} of {what} {item.name} is {value:g}: it {least}")
     return values

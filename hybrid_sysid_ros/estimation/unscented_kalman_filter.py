@@ -13,14 +13,14 @@ from hybrid_sysid_ros.estimation.measurement_sequence import filtered
 from hybrid_sysid_ros.support.arrays import Array
 
 CENTRE_WEIGHT = 2.0
-"""Of the middle point in the covariance: 1 - alpha^2 + beta with the scaling alpha = 1, kappa = 0 and beta = 2."""
+"""Weight of the middle point in the covariance: 1 - alpha^2 + beta with alpha = 1, kappa = 0 and beta = 2."""
 
 
 @inner
 def predict(core: Any, mean: Array, root: Array, drive: Array, h: float) -> None:
     """One step of a belief, in place."""
     m, size = core.inputs, mean.shape[0]
-    count = size + m  # the inputs' noise has dimensions of its own, as it goes through the friction
+    count = size + m  # the inputs' noise has dimensions of its own, since friction acts on it
     points = matrix(core.rows, 3 * size + 2 * m + 1, size)
     z, middle, pushed = vector(core.point, size), vector(core.centre, size), vector(core.pushed, m)
     spread, weight, noise = math.sqrt(1.0 * count), 1.0 / math.sqrt(2.0 * count), numbers_at(core.input_noise)
@@ -54,14 +54,14 @@ def _run(
 
 
 class UnscentedKalmanFilter(Estimator):
-    """A root S of the covariance, P = S S', goes through the exact step; see :class:`~.estimator.Estimator`.
+    """Predicts a root S of the covariance, P = S S', by the exact step; see :class:`~.estimator.Estimator`.
 
         sigma points  z_0 = z,  z_i = z +- sqrt(L) S_i,  and u +- sqrt(L U / dt),  L = size of z and u
         prediction    z+ = sum f(z_i, u) / 2 L  over i > 0
                       S+' = triangle of [(f(z_i, u) - z+) / sqrt(2 L); sqrt(2) (f(z_0, u) - z+); sqrt(Q dt)]
-        correction    as the extended filter's, over the same points where an output is a map
+        correction    that of the extended filter, over the same points where an output is a map
 
-    All weights are positive, so no root is ever taken down below zero. Source: van der Merwe & Wan (2001), ICASSP 6,
+    All weights are positive, so a root is never reduced below zero. Source: van der Merwe & Wan (2001), ICASSP 6,
     algorithm 3.1, with alpha = 1, kappa = 0.
     """
 

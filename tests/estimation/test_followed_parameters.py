@@ -73,14 +73,14 @@ def test_a_followed_parameter_stays_within_its_bounds(kind, rig):
 
 
 def test_the_centre_and_the_disturbance_are_one(kind, rig):
-    with pytest.raises(UserError, match="parameter centre can't be told from an offset of input drive"):
+    with pytest.raises(UserError, match="parameter centre can't be distinguished from an offset of input drive"):
         kind(rig.system, tuning(rig, "centre=0.02"), period=PERIOD)
 
 
 def test_of_a_hybrid_the_centre_is_nearly_an_input(rig):
     """Its network reads the input as well, and not the centre: to whoever has the model as it was, still an offset."""
     hybrid = load(configuration.shipped("cam_beam", "model")).system
-    with pytest.raises(UserError, match="parameter centre can't be told from an offset of input drive"):
+    with pytest.raises(UserError, match="parameter centre can't be distinguished from an offset of input drive"):
         METHODS["ukf"](hybrid, tuning(rig, "centre=0.05"), period=PERIOD)
     ours = METHODS["ukf"](hybrid, tuning(rig, "centre=0.05 coulomb=0.1", disturbance_noise=0.0), period=PERIOD)
     centre = hybrid.named["centre"]
@@ -97,7 +97,7 @@ def test_of_a_hybrid_the_centre_is_nearly_an_input(rig):
         ("friction=0.1", "CamBeam has no parameter friction to follow: it has gain, centre"),
         ("input_delay=0.001", "parameter input_delay can't be followed"),
         ("range_low=0.1", "parameter range_low can't be followed"),
-        ("coulomb=0.0", "parameter coulomb is to drift by 0 a root of a second"),
+        ("coulomb=0.0", "parameter coulomb drifts by 0 per root of a second"),
         ("coulomb", "'coulomb' is no NAME=DRIFT"),
         ("coulomb=much", "'coulomb=much' is no NAME=DRIFT"),
     ],
