@@ -1,6 +1,6 @@
-"""What a model predictive controller minimises, within which bounds, and the cost of a stage, written once.
+"""The control problem of an MPC: its cost and its bounds, and the cost of a stage, which is written once.
 
-The MPC, the checks of its imitations, certificates and whole loops take the same cost.
+The MPC, checks of its imitations, certificates and scores of whole loops use the same cost.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from hybrid_sysid_ros.support.structured import numbers
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageWeights(Shared):
-    """What stages cost: n states, m inputs, p outputs."""
+    """Weights of stage costs for n states, m inputs and p outputs."""
 
     outputs: Array
-    """(stages, p) of squared errors [1/unit^2]."""
+    """Weights of squared errors, (stages, p) [1/unit^2]."""
     rates: Array
-    """(stages, m) of squared changes."""
+    """Weights of squared changes, (stages, m)."""
     inputs: Array
-    """(stages, m) of squared inputs."""
+    """Weights of squared inputs, (stages, m)."""
     low: Array
-    """(n,) of the states, -inf: none."""
+    """Lower bounds of the states, (n,); -inf: none."""
     high: Array
     """(n,)."""
     linear: Array
-    """(n,), price of a state outside by s: linear s + quadratic s^2."""
+    """(n,); a state that is outside by s costs linear s + quadratic s^2."""
     quadratic: Array
     """(n,)."""
 
 
 @inner
 def stage_cost(weights: Any, i: int, y: Any, q: Any, u: Any, before: Any, x: Any) -> float:
-    """Cost of stage i: outputs y (p,) that should be q (p,) and states x (n,), both at its end, under inputs u (m,)
-    after the inputs ``before`` (m,).
+    """Cost of stage i with outputs y (p,), references q (p,) and states x (n,) at its end, inputs u (m,) and previous
+    inputs ``before`` (m,).
     """
     cost = 0.0
     for k in range(y.shape[0]):
@@ -61,7 +61,7 @@ def stage_cost(weights: Any, i: int, y: Any, q: Any, u: Any, before: Any, x: Any
 
 @inner
 def excess(weights: Any, a: int, value: float) -> float:
-    """By how much state a is outside of its bounds."""
+    """Distance of state a from its bounds, 0 within them."""
     return max(value - weights.high[a], weights.low[a] - value, 0.0)
 
 
@@ -77,7 +77,7 @@ def _stage_costs(
 def stage_costs(
     problem: ControlProblem, *, outputs: Array, references: Array, inputs: Array, previous: Array, states: Array
 ) -> Array:
-    """Cost (samples,) of each stage of a loop as it went.
+    """Cost (samples,) of each stage of a loop.
 
     outputs and references (samples, p), inputs (samples, m), states (samples, n): each row one stage, see
     :func:`stage_cost`. previous (m,): the inputs before the first row. The problem is sized.
@@ -106,7 +106,7 @@ class ControlProblem:
       + sum_{i=1}^{N}    sum_a soft_linear_a s_ia + soft_quadratic_a s_ia^2
 
     with x_{i+1} = step(x_i, u_i + d), y_{i+1} = output(x_{i+1}, u_i + d), input_low <= u_i <= input_high,
-    |u_i - u_{i-1}| <= rate_limits, and s_ia by how much a state is outside of its bounds.
+    |u_i - u_{i-1}| <= rate_limits, and s_ia the distance of a state from its bounds.
 
     A tuple of one value holds for every output, input or state; :meth:`sized` writes it out.
     """
@@ -124,7 +124,7 @@ class ControlProblem:
     input_high: Numbers
     """(m,)."""
     output_scales: Numbers = (1.0,)
-    """(p,), the unit that each output is weighed in [SI]."""
+    """(p,), the unit in which each output is weighted [SI]."""
     rate_weights: Numbers = (0.0,)
     """(m,) of changes [1/unit^2]."""
     input_weights: Numbers = (0.0,)
@@ -136,13 +136,13 @@ class ControlProblem:
     state_high: Numbers = (math.inf,)
     """(n,)."""
     soft_linear: Numbers = (0.0,)
-    """(n,), price of a state outside of its bounds, by the distance [1/unit]."""
+    """(n,), price of a state outside its bounds, per distance [1/unit]."""
     soft_quadratic: Numbers = (1e4,)
-    """(n,), and by its square [1/unit^2]."""
+    """(n,), price per squared distance [1/unit^2]."""
     smoothing: float = 0.0
-    """Of stick-slip [unit of the velocity]."""
+    """Smoothing of stick-slip [unit of the velocity]."""
     max_iterations: int = 100
-    """Of the solver."""
+    """Most iterations of the solver."""
 
     def __post_init__(self) -> None:
         for name in (*_PER_OUTPUT, *_PER_INPUT, *_PER_STATE):
@@ -154,7 +154,7 @@ class ControlProblem:
             values = np.atleast_1d(getattr(self, name))
             sound = values > 0.0 if name in _POSITIVE else values >= (0.0 if name in _NOT_NEGATIVE else -math.inf)
             if not np.all(sound & (np.isfinite(values) | (name == "rate_limits"))):
-                least = "above 0" if name in _POSITIVE else "0 at least" if name in _NOT_NEGATIVE else "finite"
+                least = "above 0" if name in _POSITIVE else "at least 0" if name in _NOT_NEGATIVE else "finite"
                 raise UserError(f"mpc: {name} is {getattr(self, name)}; it must be {least}")
         if not any(self.output_weights):
             raise UserError("mpc: all output_weights are 0, so there is nothing to track; give one output a weight")
@@ -185,12 +185,12 @@ class ControlProblem:
 
     @property
     def weights(self) -> StageWeights:
-        """Of the stages of the horizon; of a problem that is :meth:`sized`."""
+        """Weights of the horizon's stages, for a problem that is :meth:`sized`."""
         return self._weights(self.horizon)
 
     @property
     def stage_weights(self) -> StageWeights:
-        """Of one stage, for whole loops; of a problem that is :meth:`sized`."""
+        """Weights of one stage, for whole loops, for a problem that is :meth:`sized`."""
         return self._weights(1)
 
     def _weights(self, stages: int) -> StageWeights:
@@ -207,7 +207,7 @@ class ControlProblem:
 
 
 def _numbers(name: str, values: Any) -> Numbers:
-    """A tuple of numbers from what a file or a caller gives."""
+    """A tuple of numbers from a value of a file or a caller. Raises UserError for other values."""
     try:
         found = tuple(float(value) for value in (values if isinstance(values, Sequence | np.ndarray) else (values,)))
     except (TypeError, ValueError, OverflowError) as error:

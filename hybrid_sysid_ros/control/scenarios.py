@@ -1,4 +1,4 @@
-"""Scenarios: random closed loops of a problem, for training and for certificates, where they begin and how they go."""
+"""Scenarios: random closed loops of a problem, for training and for certificates."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ from hybrid_sysid_ros.support.structured import numbers
 
 NEWTON_STEPS = 30
 STEADY = 1e-9
-"""Largest relative change of an iterate at which it is called steady."""
+"""Largest relative change of an iterate that counts as steady."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SteadyMotion:
     """States x = state + slope (q - q_0) in which the tracked outputs stay at q, near q_0.
 
-    Steady means rest, or a drift at a constant rate that no tracked output shows: a shaft that is to turn at a speed
-    turns on.
+    Steady means rest, or a drift at a constant rate that no tracked output shows, such as the angle of a shaft with a
+    tracked speed.
     """
 
     state: Array
     """(n,)."""
     slope: Array
-    """(n, tracked), derivative by what the tracked outputs are to be."""
+    """Derivative of the states by the tracked outputs, (n, tracked)."""
     output_map: Array
     """C (tracked, n), derivative of the tracked outputs by the states."""
 
     def initial_state(self, state: Array, outputs: Array) -> Array:
-        """A state (n,) moved along steady motions to where the tracked outputs are ``outputs``, both as deviations."""
+        """A state (n,), moved along steady motions until the tracked outputs are ``outputs``; both are deviations."""
         moved: Array = state + self.slope @ (outputs - self.output_map @ state)
         return moved
 
 
 def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> SteadyMotion:
-    """The steady motion of a system at outputs (p,), by Newton's method from rest; a problem that is sized.
+    """The steady motion of a system at outputs (p,), by Newton's method from rest; the problem is sized.
 
     The equations x + d = step(x, u), d = step(x + d, u) - step(x, u) linearised, y_t = output(x, u) and C d = 0 of
     the tracked outputs are solved for states x, inputs u and drift d in the sense of least squares, so that a system
-    that has no steady motion there gives the nearest. What nothing moves, as an offset, stays at 0.
+    without a steady motion there gives the nearest. States that nothing moves, such as offsets, stay at 0.
     """
     tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
     states, inputs = len(system.states), len(system.inputs)
@@ -78,7 +78,7 @@ def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> St
 
 
 def _unmoved(a: Array, b: Array) -> Array:
-    """Which states nothing moves, (n,)."""
+    """Whether nothing moves each state, (n,)."""
     return np.all(np.hstack([a - np.eye(len(a)), b]) == 0.0, axis=1)
 
 
@@ -100,8 +100,8 @@ def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
 def jacobian_at(
     system: System, problem: ControlProblem, x: Array, u: Array, *, output: bool
 ) -> tuple[Array, Array, Array]:
-    """A step of the prediction, or the outputs, and the derivatives by states x (n,) and by inputs u (m,), stick-slip
-    rounded.
+    """A step of the prediction, or the outputs, and the derivatives by states x (n,) and by inputs u (m,), with rounded
+    stick-slip.
     """
     step, n = problem.period / problem.substeps, len(x)
     value, jacobian = step_with_jacobian(system, x, u, step=step, smoothing=problem.smoothing, output=output)
@@ -109,32 +109,32 @@ def jacobian_at(
 
 
 Controls = Callable[[int, Instance], Array]
-"""control(k, instance) -> inputs (m,) for period k: what a loop is driven by."""
+"""control(k, instance) -> inputs (m,) of period k, the controller of a loop."""
 
 PUSHED, DISTURBED = 0.05, 0.02
-"""Shares of the periods that begin with a push of the state, and with another input disturbance."""
+"""Shares of the periods that begin with a push of the state, and with a new input disturbance."""
 
 LENGTH = 20
-"""Of a loop of the training, in horizons."""
+"""Length of a training loop, in horizons."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """What scenarios are drawn from, in SI units. A value for each output, input or state; one value stands for all."""
+    """Distribution of scenarios in SI units, with a value for each output, input or state; one value stands for all."""
 
     amplitude: Numbers
-    """(p,) of the references about their centre."""
+    """Amplitude of the references around their centre, (p,)."""
     disturbance: Numbers
-    """(m,), deviation of the input disturbance, which jumps now and then."""
+    """Deviation of the input disturbance, which jumps at random times, (m,)."""
     push: Numbers
-    """(n,), deviation of each state's occasional push."""
+    """Deviation of each state's random pushes, (n,)."""
     input_jitter: Numbers = (0.0,)
-    """(m,), deviation by which the previous input is moved before the MPC is asked in the training, so that the policy
-    learns its effect apart from the state's."""
+    """Deviation that is added to the previous input before the MPC answers in the training, so that the policy learns
+    its effect separately from the state's, (m,)."""
     parameters: float = 0.0
     """Relative deviation of each free physical parameter of the plant from the model that the MPC has."""
     centre: Numbers = (0.0,)
-    """(p,) of the references."""
+    """Centre of the references, (p,)."""
 
     def __post_init__(self) -> None:
         for name in ("amplitude", "disturbance", "push", "input_jitter", "parameters", "centre"):
@@ -144,7 +144,7 @@ class Spread:
             object.__setattr__(self, name, float(values[0]) if name == "parameters" else tuple(values.tolist()))
 
     def sized(self, system: System) -> Spread:
-        """With a value for each output, input and state. Raises UserError where it has another number of values."""
+        """The spread with a value for each output, input and state. Raises UserError for another number of values."""
         n, m, p = len(system.states), len(system.inputs), len(system.outputs)
         counts = {"amplitude": p, "centre": p, "disturbance": m, "input_jitter": m, "push": n}
         sized = {
@@ -155,42 +155,42 @@ class Spread:
 
 
 class Scenario(NamedTuple):
-    """A random closed loop of T periods but for its controller: n states, m inputs, p outputs, horizon N."""
+    """A random closed loop of T periods without its controller: n states, m inputs, p outputs, horizon N."""
 
     plant: System
     begins: NDArray[np.bool_]
-    """(T,): periods in which the loop begins, or begins anew."""
+    """Whether the loop begins, or begins again, in each period, (T,)."""
     states: Array
-    """(T, n) at which it then begins."""
+    """Initial states in these periods, (T, n)."""
     inputs: Array
-    """(T, m) that are then the previous ones."""
+    """Previous inputs in these periods, (T, m)."""
     references: Array
-    """(T + N - 1, p), from one period on."""
+    """References from one period after the beginning on, (T + N - 1, p)."""
     disturbances: Array
-    """(T, m) of the inputs."""
+    """Disturbances of the inputs, (T, m)."""
     pushes: Array
-    """(T, n) of the state, at the beginning of a period."""
+    """Pushes of the state at the beginning of a period, (T, n)."""
     state_errors: Array
-    """(T, n) of the states that the controller is told."""
+    """Errors of the states that the controller gets, (T, n)."""
     disturbance_errors: Array
-    """(T, m) of the disturbances that it is told."""
+    """Errors of the disturbances that the controller gets, (T, m)."""
 
 
 class LoopRun(NamedTuple):
-    """How a loop went."""
+    """The course of a loop."""
 
     states: Array
-    """(T + 1, n), before each period's push, and at the end."""
+    """States before each period's push, and at the end, (T + 1, n)."""
     inputs: Array
     """(T, m)."""
     costs: Array
     """(T,), the cost of each stage."""
     excess: float
-    """By how much a state was outside of its bounds at most; infinite where one is no number."""
+    """Largest distance of a state from its bounds; infinite where one is not a number."""
 
 
 def run(scenario: Scenario, problem: ControlProblem, control: Controls) -> LoopRun:
-    """Let a loop go: the plant in the exact form, by the steps of the MPC's own prediction, under ``control``."""
+    """Simulate a loop: the plant in the exact form, with the steps of the MPC's prediction, under ``control``."""
     plant, weights = prediction(scenario.plant, problem), problem.stage_weights
     periods, horizon = len(scenario.begins), problem.horizon
     states, inputs = np.empty((periods + 1, scenario.states.shape[1])), np.empty_like(scenario.inputs)
@@ -216,7 +216,7 @@ def run(scenario: Scenario, problem: ControlProblem, control: Controls) -> LoopR
     return LoopRun(states, inputs, costs, most)
 
 
-# What scenarios are made of
+# Parts of scenarios
 
 
 def drawn(
@@ -231,11 +231,12 @@ def drawn(
     apart: float = 0.5,
     often: float = 1.0,
 ) -> Scenario:
-    """A scenario along references ``wanted`` (T + N - 1, p) whose controller is told no errors.
+    """A scenario along references ``wanted`` (T + N - 1, p) whose controller gets exact states and disturbances.
 
-    Plants are near the system, beginnings about the motion, a share ``apart`` of them anywhere, previous inputs
-    anywhere within their bounds; disturbances jump now and then and where the loop begins; the state is pushed in a
-    share of the periods, by ``size`` of the spread's pushes. often: how many times as many jumps and pushes there are.
+    The plant is near the system, initial states are near the motion, a share ``apart`` of them anywhere, previous
+    inputs anywhere within their bounds. Disturbances jump at random times and where the loop begins. The state is
+    pushed in a share of the periods, by ``size`` times the spread's pushes. often: factor of the shares of periods
+    with jumps and pushes.
     """
     periods, (n, m) = len(begins), (len(spread.push), len(spread.disturbance))
     plant = plant_near(system, spread.parameters, random)
@@ -260,12 +261,12 @@ def drawn(
 
 
 def magnitude(random: np.random.Generator, least: float) -> float:
-    """A number within ``least`` and 1, all magnitudes alike."""
+    """A random number from ``least`` to 1, with a uniform logarithm."""
     return float(least ** random.uniform())
 
 
 def plant_near(system: System, deviation: float, random: np.random.Generator) -> System:
-    """A plant near the model: each free physical parameter moved by a relative deviation, within its bounds."""
+    """A plant near the model: each free physical parameter is changed by a relative deviation, within its bounds."""
     values = [
         value if item.fixed else min(max(value * (1.0 + deviation * random.normal()), item.low), item.high)
         for item, value in zip(system.parameters, system.values, strict=True)
@@ -282,8 +283,8 @@ def beginnings(
     size: float = 1.0,
     apart: float = 0.5,
 ) -> Array:
-    """States (T, n) to begin at: pushed by ``size`` from a steady motion, a share ``apart`` of them anywhere, the
-    others on the references ``wanted`` (T, p).
+    """Initial states (T, n): pushed by ``size`` from a steady motion, a share ``apart`` of them anywhere, the others at
+    the references ``wanted`` (T, p).
     """
     tracked, periods = [k for k, weight in enumerate(problem.output_weights) if weight > 0], len(wanted)
     anywhere = random.uniform(-1.0, 1.0, wanted.shape) * np.array(spread.amplitude)

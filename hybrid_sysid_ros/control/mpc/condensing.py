@@ -1,4 +1,4 @@
-"""Condensing: the states eliminated, the quadratic program of the inputs alone, and the step to its solution.
+"""Condensing: states are eliminated from the quadratic program, and its solution gives the step of inputs and states.
 
 Bock & Plitt (1984), IFAC World Congress.
 """
@@ -17,14 +17,14 @@ from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
 
 LEAST_CURVATURE = 1e-9
-"""Added to the Hessian's diagonal, in shares of its largest entry: inputs without weight must not make it singular."""
+"""Share of the Hessian's largest entry, added to its diagonal in case inputs have no weight."""
 
 NO_BOUND = 1e30
 
 
 @inner
 def condense(horizon: Horizon, program: Program) -> None:
-    """States and outputs as functions of the inputs, and with them the Gauss-Newton Hessian and the rows of bounds."""
+    """Compute states and outputs as functions of the inputs, the Gauss-Newton Hessian and the rows of bounds."""
     count, n = horizon.linear.reached.shape
     m, p, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
     condensed, limits, hessian = horizon.condensed, horizon.limits, pointer(program.hessian)
@@ -61,7 +61,7 @@ def condense(horizon: Horizon, program: Program) -> None:
 
 @inner
 def _propagate(horizon: Horizon, i: int) -> None:
-    """free, response and forced of an interval from those before it."""
+    """Compute state transition, input response and defect of an interval from those of the previous one."""
     linear, condensed = horizon.linear, horizon.condensed
     n, m, v = linear.A.shape[1], linear.B.shape[2], condensed.input_response.shape[2]
     response = pointer(condensed.input_response)
@@ -93,7 +93,7 @@ def _propagate(horizon: Horizon, i: int) -> None:
 
 @inner
 def _weigh_inputs(horizon: Horizon, program: Program) -> None:
-    """The weights of inputs and their changes into the Hessian, its upper half, and its least curvature."""
+    """Add the weights of inputs and their changes, and the least curvature, to the upper half of the Hessian."""
     count, m = horizon.inputs.shape
     hessian, v = program.hessian, program.gradient.shape[0]
     largest = 0.0
@@ -131,8 +131,8 @@ def cost_of(horizon: Horizon, instance: Instance) -> float:
 
 @inner
 def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off_instance: bool) -> None:
-    """Gradient and bounds of the program for an instance. off_instance: the trajectory has gaps, or begins at another
-    state, or is that of another disturbance.
+    """Compute gradient and bounds of the program for an instance. off_instance: the trajectory has gaps, or another
+    initial state or disturbance than the instance.
     """
     count, n = horizon.linear.reached.shape
     m, p, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
@@ -168,7 +168,7 @@ def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off
 
 @inner
 def _bound_input(horizon: Horizon, program: Program, i: int, j: int, change: float) -> None:
-    """Bounds of one input and its change, and their parts of the gradient."""
+    """Set the bounds of one input and its change, and their parts of the gradient."""
     count, m = horizon.inputs.shape
     c, u = i * m + j, horizon.inputs[i, j]
     slope = 2.0 * horizon.weights.rates[i, j] * change
@@ -186,7 +186,7 @@ def _bound_input(horizon: Horizon, program: Program, i: int, j: int, change: flo
 
 @inner
 def _predicted_deviation(horizon: Horizon, instance: Instance, i: int, deviation: Array) -> None:
-    """How far the states at the end of an interval will be deviation the trajectory if the inputs stay, (n,)."""
+    """Write the deviation (n,) of the states at the end of an interval from the trajectory, for unchanged inputs."""
     n, m = horizon.linear.B.shape[1:]
     for a in range(n):
         total = horizon.condensed.defect[i, a]
@@ -202,7 +202,7 @@ def _predicted_deviation(horizon: Horizon, instance: Instance, i: int, deviation
 
 @inner
 def residual(program: Program) -> float:
-    """KKT residual with the last multipliers: the largest entry of the gradient of the Lagrangian."""
+    """The KKT residual with the last multipliers: the largest entry of the Lagrangian's gradient."""
     v = program.gradient.shape[0]
     largest = 0.0
     for c in range(v):
@@ -215,7 +215,7 @@ def residual(program: Program) -> float:
 
 @inner
 def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None:
-    """How the Lagrangian changes with each state of the trajectory, all after it following."""
+    """Compute the derivatives of the Lagrangian by each state of the trajectory, where later states follow."""
     count, n = horizon.linear.reached.shape
     v = program.gradient.shape[0]
     for a in range(n):
@@ -237,7 +237,7 @@ def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None
 
 @inner
 def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
-    """The step of inputs and states that a solution of the program means, and the cost that it predicts."""
+    """Compute the step of inputs and states from a solution of the program; return the predicted cost."""
     linear, step = horizon.linear, horizon.step
     (count, n), m, p = linear.reached.shape, horizon.inputs.shape[1], linear.outputs.shape[1]
     y, u, before, x = np.empty(p), np.empty(m), np.empty(m), np.empty(n)
@@ -284,7 +284,7 @@ def apply_step(horizon: Horizon, length: float) -> None:
 
 @inner
 def clamp_inputs(horizon: Horizon, previous: Array, inputs: Array) -> None:
-    """Keep inputs (N, m) within their bounds and rate limits, from ``previous`` (m,) on; what is no number is held."""
+    """Limit inputs (N, m) to their bounds and rate limits after ``previous`` (m,); the last value replaces NaN."""
     limits = horizon.limits
     for j in range(inputs.shape[1]):
         before = previous[j]

@@ -1,4 +1,4 @@
-"""The memory of one horizon: what is asked, how the model predicts, a trajectory and the problem linearised about it.
+"""The memory of one horizon: the instance, the prediction model, a trajectory and the problem linearised around it.
 
 N = horizon, n = states, m = inputs, p = outputs, v = N m: all inputs in a row, u_0 first.
 """
@@ -19,27 +19,27 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 PARTS = ("state", "disturbance", "previous_input", "preview")
-"""Of an instance, as :meth:`~hybrid_sysid_ros.control.controller.Controller.control` calls them."""
+"""Parts of an instance, by the arguments of :meth:`~hybrid_sysid_ros.control.controller.Controller.control`."""
 
 
 class Instance(NamedTuple):
-    """What changes from call to call; [x, d, u_previous, q_1, ..., q_N] in a row where it is one array."""
+    """The data that change from call to call; as one array [x, d, u_previous, q_1, ..., q_N]."""
 
     state: Array
-    """(n,), the one that the inputs will meet."""
+    """State when the inputs act, (n,)."""
     disturbance: Array
-    """(m,), offset of the inputs."""
+    """Offset of the inputs, (m,)."""
     previous: Array
-    """(m,), the inputs before."""
+    """Previous inputs, (m,)."""
     preview: Array
-    """(N, p), reference of the outputs at the end of each interval."""
+    """Reference of the outputs at the end of each interval, (N, p)."""
 
     def assign(self, state: Array, disturbance: Array, previous: Array, preview: Array) -> None:
-        """Write what is asked into these arrays."""
+        """Copy an instance into these arrays."""
         self.state[:], self.disturbance[:], self.previous[:], self.preview[:] = state, disturbance, previous, preview
 
     def check(self, *parts: Array) -> None:
-        """Raise UserError, naming it, for a part of another shape than these arrays have."""
+        """Raise UserError for a part of another shape than these arrays, naming it."""
         for name, own, part in zip(PARTS, self, parts, strict=True):
             if np.shape(part) != own.shape:
                 raise UserError(f"control: {name} has shape {np.shape(part)}; it needs {own.shape}")
@@ -55,14 +55,14 @@ def instance_of(flat: Array, n: int, m: int, p: int) -> Instance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictionModel(Shared):
-    """The model as compiled loops take it."""
+    """The model for compiled loops."""
 
     step: int
     """Address of one step, exact (:data:`~hybrid_sysid_ros.core.call.VALUE`)."""
     step_jacobian: int
-    """Of one step with its derivatives, stick-slip rounded where there is a smoothing (:data:`~.call.JACOBIAN`)."""
+    """Address of a step with derivatives, where stick-slip is rounded by the smoothing (:data:`~.call.JACOBIAN`)."""
     output: int
-    """Of the output map."""
+    """Address of the output map."""
     output_jacobian: int
     parameters: Array
     """(parameters,)."""
@@ -71,13 +71,13 @@ class PredictionModel(Shared):
     h: float
     """Integration step [s]."""
     substeps: int
-    """Of them in an interval."""
+    """Number of integration steps in an interval."""
     smoothing: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonTrajectory(Shared):
-    """A trajectory, and the input disturbance that it is of."""
+    """A trajectory, and its input disturbance."""
 
     states: Array
     """(N + 1, n)."""
@@ -89,14 +89,14 @@ class HorizonTrajectory(Shared):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InputLimits(Shared):
-    """Bounds of the inputs and of their changes, and which rows of the quadratic program they and the states take."""
+    """Bounds of inputs and of their changes, and the rows of the quadratic program for changes and states."""
 
     low: Array
     """(m,)."""
     high: Array
     """(m,)."""
     rate: Array
-    """(m,), of the changes."""
+    """Largest changes, (m,)."""
     rated: NDArray[np.int64]
     """Inputs whose changes are limited: N rows each in the quadratic program."""
     bounded: NDArray[np.int64]
@@ -108,23 +108,23 @@ class HorizonLinearisation(Shared):
     """The model along a trajectory: x_{i+1} = reached_i + A_i dx + B_i du, y_i = outputs_i + C_i dx + D_i du."""
 
     reached: Array
-    """(N, n), where each interval ends."""
+    """States at the end of each interval, (N, n)."""
     outputs: Array
     """(N, p) at the end of each interval."""
     A: Array
-    """(N, n, n), derivative of an interval's end by its beginning."""
+    """Derivative of an interval's final state by its initial state, (N, n, n)."""
     B: Array
-    """(N, n, m), by its inputs."""
+    """Derivative of an interval's final state by its inputs, (N, n, m)."""
     C: Array
-    """(N, p, n), of the outputs by the states at the end."""
+    """Derivative of the outputs by the states at the end, (N, p, n)."""
     D: Array
-    """(N, p, m), by the inputs of the interval."""
+    """Derivative of the outputs by the inputs of the interval, (N, p, m)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CondensedHorizon(Shared):
-    """The intervals in a row: the states at the end of interval i deviate from the trajectory by
-    state_transition_i e + input_response_i v + defect_i for an initial state e off and inputs v off.
+    """All intervals together: the states at the end of interval i deviate from the trajectory by
+    state_transition_i e + input_response_i v + defect_i for deviations e of the initial state and v of the inputs.
     """
 
     state_transition: Array
@@ -132,7 +132,7 @@ class CondensedHorizon(Shared):
     input_response: Array
     """(N, n, v)."""
     defect: Array
-    """(N, n), of the trajectory's own gaps."""
+    """Effect of the trajectory's gaps, (N, n)."""
     output_sensitivity: Array
     """(N, p, v), derivative of the outputs by all inputs."""
 
@@ -149,16 +149,16 @@ class SolutionStep(Shared):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lagrangian(Shared):
-    """The second derivatives of the dynamics in the Lagrangian, and what they are updated from."""
+    """Second derivatives of the dynamics in the Lagrangian, and the data of their update."""
 
     adjoint: Array
-    """(N + 1, n), derivative of the Lagrangian by each state; by the initial state first."""
+    """Derivative of the Lagrangian by each state, the initial one first, (N + 1, n)."""
     curvature: Array
-    """(N, n + m, n + m), of each interval's end, weighed by its adjoint, by its state and inputs."""
+    """Second derivatives of each interval's end by its state and inputs, weighted by its adjoint, (N, n + m, n + m)."""
     jacobian: Array
-    """(N, n, n + m), [A, B] of each interval at the iterate before."""
+    """[A, B] of each interval at the previous iterate, (N, n, n + m)."""
     point: Array
-    """(N, n + m), the state and the inputs of each interval there."""
+    """State and inputs of each interval at the previous iterate, (N, n + m)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -168,7 +168,7 @@ class Work(Shared):
     total: Array
     """(n, n + m), [A, B] up to a step of the interval."""
     moved: Array
-    """(n, n + m), the same one step later."""
+    """(n, n + m), [A, B] one step later."""
     derivatives: Array
     """(n + p, n + m), of one step, or of the outputs in the first p rows."""
     state: Array
@@ -180,7 +180,7 @@ class Work(Shared):
 
 
 PROGRESS = np.dtype([("steps", np.int64), ("residual", np.float64), ("with_curvature", np.bool_)])
-"""Of a solution: steps made, the residual before the last one, and whether the dynamics' curvature is taken in."""
+"""Progress of a solution: steps made, the residual before the last one, and whether curvature is used."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,13 +192,13 @@ class Horizon(Shared):
     inputs: Array
     """(N, m)."""
     disturbance: Array
-    """(m,) that it is linearised with."""
+    """Input disturbance of the linearisation, (m,)."""
     last: HorizonTrajectory
-    """The trajectory before a solution, for where there is none."""
+    """The trajectory before a solution, which is restored where there is no solution."""
     planned: Array
-    """(N, m), the inputs of the plan, within all limits."""
+    """Inputs of the plan within all limits, (N, m)."""
     simulated: Array
-    """(N + 1, n), where a plan leads in the exact form."""
+    """States of a plan, simulated in the exact form, (N + 1, n)."""
     weights: StageWeights
     limits: InputLimits
     linear: HorizonLinearisation
@@ -211,7 +211,7 @@ class Horizon(Shared):
 
 
 def prediction(system: System, problem: ControlProblem) -> PredictionModel:
-    """The model of a problem, compiled once for each form of system (some seconds) and kept on disk."""
+    """The model of a problem, compiled once for each form of system (some seconds) and cached on disk."""
     functions = compiled(system)
     return PredictionModel(
         step=functions.step,

@@ -1,4 +1,4 @@
-"""The model along a horizon in compiled code: where intervals lead, their derivatives, and the Lagrangian's Hessian.
+"""The model along a horizon in compiled code: ends of intervals, their derivatives, and the Lagrangian's Hessian.
 
 Where Gauss-Newton's Hessian is not enough, the curvature of the dynamics is added and kept positive.
 """
@@ -16,19 +16,19 @@ from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
 
 DIFFERENCE = 1e-7
-"""Of states and inputs, to their size and at least to 1, by which derivatives are differentiated."""
+"""Relative difference of states and inputs, absolute below 1, for second derivatives."""
 
 
 @inner
 def assign(target: Array, values: Array) -> None:
-    """Copy values; the compiler takes some seconds over target[:] = values, for the message of its error."""
+    """Copy values. The compiler takes some seconds for target[:] = values, because of its error message."""
     for i in range(target.shape[0]):
         target[i] = values[i]
 
 
 @inner
 def advance_interval(prediction: PredictionModel, x: Array, drive: Array, following: Array) -> None:
-    """Move x (n,) one interval on, in the exact form."""
+    """Advance x (n,) by one interval, in the exact form."""
     p, w = prediction.parameters, prediction.network
     for _ in range(prediction.substeps):
         call_value(prediction.step, x, drive, p, w, prediction.h, 0.0, following)
@@ -37,9 +37,9 @@ def advance_interval(prediction: PredictionModel, x: Array, drive: Array, follow
 
 @inner
 def linearise(prediction: PredictionModel, horizon: Horizon, smoothing: float, single: bool) -> None:
-    """All intervals about the trajectory: reached, outputs, A, B, C, D.
+    """Linearise all intervals around the trajectory: reached, outputs, A, B, C, D.
 
-    single: shooting once, each state being moved to where the interval before it ends.
+    single: use single shooting, where each state is set to the end of the previous interval.
     """
     n, m = horizon.linear.B.shape[1:]
     for i in range(horizon.inputs.shape[0]):
@@ -57,7 +57,7 @@ def linearise(prediction: PredictionModel, horizon: Horizon, smoothing: float, s
 
 @inner
 def _set_out(horizon: Horizon, i: int) -> None:
-    """The state and the inputs with disturbance of interval i, where :func:`_interval` begins."""
+    """Set the state and the disturbed inputs of interval i, with which :func:`_interval` begins."""
     x, drive = horizon.work.state, horizon.work.drive
     for a in range(horizon.states.shape[1]):
         x[a] = horizon.states[i, a]
@@ -67,7 +67,7 @@ def _set_out(horizon: Horizon, i: int) -> None:
 
 @inner
 def _interval(prediction: PredictionModel, horizon: Horizon, smoothing: float, following: Array) -> Array:
-    """Where an interval leads, into ``following`` (n,), and its [A, B] (n, n + m)."""
+    """Write the end of an interval to ``following`` (n,); return its [A, B] (n, n + m)."""
     n, m = horizon.linear.B.shape[1:]
     work = horizon.work
     total, moved, jacobian, x, drive = work.total, work.moved, work.derivatives, work.state, work.drive
@@ -97,7 +97,7 @@ def _chain(jacobian: Array, total: Array, moved: Array, n: int, m: int) -> None:
 
 @inner
 def _observe(prediction: PredictionModel, horizon: Horizon, i: int) -> None:
-    """The outputs at the end of interval i, and C and D."""
+    """Compute the outputs at the end of interval i, and C and D."""
     n, m = horizon.linear.B.shape[1:]
     jacobian, drive = horizon.work.derivatives, horizon.work.drive
     call_jacobian(
@@ -113,7 +113,7 @@ def _observe(prediction: PredictionModel, horizon: Horizon, i: int) -> None:
 
 @inner
 def find_curvature(prediction: PredictionModel, horizon: Horizon) -> None:
-    """Second derivatives of each interval's end, weighed by its adjoint, by differences of [A, B]."""
+    """Compute second derivatives of each interval's end, weighted by its adjoint, by differences of [A, B]."""
     n, m = horizon.linear.B.shape[1:]
     x, drive, following = horizon.work.state, horizon.work.drive, horizon.work.following
     for i in range(horizon.inputs.shape[0]):
@@ -139,19 +139,19 @@ def find_curvature(prediction: PredictionModel, horizon: Horizon) -> None:
 
 
 LEAST_SHIFT = 1e-4
-"""Added to the diagonal of a Hessian that is not positive, in shares of Gauss-Newton's largest entry; doubled until it
-is. More than it takes makes steps short, and much less long ones.
+"""First shift of the diagonal of a Hessian that is not positive definite, relative to Gauss-Newton's largest entry. It
+is doubled until the Hessian is: a larger shift would make steps short, a much smaller one would take many trials.
 """
 
 HOLD = 100.0
-"""Curvature across active constraints, in shares of the largest entry of a Hessian that is not positive: far from the
-reference it is many times Gauss-Newton's.
+"""Curvature across active constraints, relative to the largest entry of a Hessian that is not positive definite, which
+far from the reference is much larger than Gauss-Newton's.
 """
 
 
 @inner
 def keep_derivatives(horizon: Horizon) -> None:
-    """Keep [A, B] and where they were taken, for :func:`update_curvature`."""
+    """Keep [A, B] and their iterate for :func:`update_curvature`."""
     n, m = horizon.linear.B.shape[1:]
     for i in range(horizon.inputs.shape[0]):
         jacobian, point = horizon.lagrangian.jacobian[i], horizon.lagrangian.point[i]
@@ -167,9 +167,9 @@ def keep_derivatives(horizon: Horizon) -> None:
 
 @inner
 def update_curvature(horizon: Horizon) -> None:
-    """Symmetric rank-one update of each interval's curvature by how its [A, B] changed over the last step.
+    """Symmetric rank-one update of each interval's curvature from the change of its [A, B] over the last step.
 
-    Conn, Gould & Toint (1991), Mathematical Programming 50; interval by interval, a few steps tell it all.
+    Conn, Gould & Toint (1991), Mathematical Programming 50. For single intervals a few steps determine it.
     """
     n, m = horizon.linear.B.shape[1:]
     moved, off = np.empty(n + m), np.empty(n + m)
@@ -239,8 +239,8 @@ def add_curvature(horizon: Horizon, program: Program) -> None:
 @inner
 def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
     """Make the Hessian positive definite, if it is not, without changing it where inputs are free: by curvature across
-    the active constraints (Nocedal & Wright 2006, section 17.3), and only where that leaves it indefinite, by a shift
-    of its diagonal, which shortens all steps.
+    the active constraints (Nocedal & Wright 2006, section 17.3), and, only where it is still indefinite, by a shift of
+    its diagonal, which shortens all steps.
     """
     hessian, factor = program.hessian, np.empty_like(program.hessian)
     if _factorise(hessian, factor):
@@ -255,7 +255,7 @@ def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
     if _factorise(hessian, factor):
         return
     shift = LEAST_SHIFT * largest
-    for _ in range(60):  # one that is no number stays as it is
+    for _ in range(60):  # a NaN Hessian stays as it is
         for c in range(hessian.shape[0]):
             hessian[c, c] += shift
         if _factorise(hessian, factor):
@@ -265,7 +265,7 @@ def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
 
 @inner
 def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
-    """Add curvature across the bounds and rate limits that the last solution met."""
+    """Add curvature across the bounds and rate limits that are active in the last solution."""
     (count, m), v = horizon.inputs.shape, program.gradient.shape[0]
     for c in range(v):
         if program.multipliers[c] != 0.0:
@@ -283,8 +283,8 @@ def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
 
 @inner
 def _price_active(horizon: Horizon, program: Program) -> None:
-    """Add the curvature that their price has across the soft bounds that the last solution met. The program has it too,
-    but outside of its Hessian, which must be positive alone; more would hold a state that is to move outside of them.
+    """Add the curvature of the price across the soft bounds that are active in the last solution. The program has it
+    outside its Hessian, which must be positive definite alone; more would hold a state outside the bounds.
     """
     count, v = horizon.inputs.shape[0], program.gradient.shape[0]
     first, hessian, rows = v + horizon.limits.rated.shape[0] * count, pointer(program.hessian), pointer(program.rows)

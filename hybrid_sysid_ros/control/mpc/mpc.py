@@ -23,17 +23,17 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
 
 BETWEEN_LOOKS = 4
-"""Iterations between two looks at the clock."""
+"""Iterations between two readings of the clock."""
 
 
 class ExactMpc:
-    """Solves the problem at every call, from the last plan.
+    """Solves the problem at every call, beginning with the last plan.
 
-    Converged: steps until the KKT residual is within the tolerance. In real time: one step a call, whose
-    larger part, the linearisation, :meth:`prepare` does beforehand (Diehl et al. 2002, J. Process Control 12(4)).
+    Converged: it iterates until the KKT residual is within the tolerance. In real time: it makes one step in a call,
+    and :meth:`prepare` has linearised beforehand (Diehl et al. 2002, J. Process Control 12(4)).
 
-    Offset-free: d is the estimated input disturbance, so the prediction meets the measurement at rest (Pannocchia &
-    Rawlings 2003, AIChE J. 49(2)).
+    Offset-free: d is the estimated input disturbance, so that the prediction agrees with measurements at rest
+    (Pannocchia & Rawlings 2003, AIChE J. 49(2)).
     """
 
     def __init__(
@@ -46,8 +46,8 @@ class ExactMpc:
         time_limit: float = math.inf,
         clock: Callable[[], float] | None = None,
     ) -> None:
-        """tolerance: largest KKT residual of a solution. time_limit: of one call [s], told by ``clock`` (without one
-        there is none). Raises UserError for a problem that is not the system's.
+        """tolerance: largest KKT residual of a solution. time_limit: that of one call [s], measured by ``clock``;
+        without a clock there is no limit. Raises UserError for a problem that does not fit the system.
         """
         self.system = system
         self.problem = problem.sized(system)
@@ -61,7 +61,7 @@ class ExactMpc:
         _, self._instance = new_instance(system, self.problem)
         self.iterations = 0
         self.residual = math.inf
-        # What only a late answer needs is compiled or loaded now, not when it is late.
+        # Compile now what only a late answer needs, not when it is late.
         restore(self._shooting.horizon, self._shooting.program)
         plan(self._shooting.horizon, self._instance)
         self.reset()
@@ -79,19 +79,19 @@ class ExactMpc:
 
     @property
     def shooting(self) -> HorizonMemory:
-        """Its memory; the inputs of its horizon are the last plan, as far as :meth:`prepare_program` moved it on."""
+        """Its memory; the inputs of its horizon are the last plan, shifted by :meth:`prepare`."""
         return self._shooting
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
-        """Take another controller's plan as the last one: inputs (N, m) and the states (N + 1, n) that they lead to,
-        under an input disturbance (m,).
+        """Take another controller's plan as the last one: inputs (N, m) and their states (N + 1, n) under an input
+        disturbance (m,).
         """
         horizon = self._shooting.horizon
         horizon.disturbance[:], horizon.inputs[:], horizon.states[:] = disturbance, inputs, states
         self._cold = self._prepared = False
 
     def prepare(self, elapsed: float) -> None:
-        """Move the plan on by the time until the next call [s], and in real time linearise there."""
+        """Shift the plan by the time until the next call [s], and in real time linearise there."""
         if self._cold:
             return
         mpc = self._shooting
@@ -103,9 +103,9 @@ class ExactMpc:
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`.
 
-        Where something is not a number, the problem has no solution, or the time is over, the plan is what is left of
-        the last one; where there is none, the previous input, or zero if that is no number either. Raises UserError for
-        a part of another shape, when there is no last plan.
+        Where something is not a number, the problem has no solution, or the time is over, the answer is the rest of the
+        last plan; without one it is the previous input, or zero if that is not a number either. Raises UserError for a
+        part of another shape, where there is no last plan.
         """
         mpc, instance = self._shooting, self._instance
         if self._cold:  # once: a loop's later calls have the shapes of its first
@@ -146,7 +146,7 @@ class ExactMpc:
         return status
 
     def _rest(self, status: Status) -> MpcSolution:
-        """What is left of the last plan, or the previous input."""
+        """The rest of the last plan, or the previous input."""
         if self._cold:
             return held(self._instance.previous, self.problem, status)
         plan(self._shooting.horizon, self._instance)

@@ -26,13 +26,13 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.versions import DAQP_STRUCTURES
 
 MATRICES, GRADIENT, BOUNDS, STATES = 1 | 2, 4, 8, 16
-"""What has changed since the last solution: hessian and rows, gradient, bounds, states of the constraints."""
+"""Changes since the last solution: hessian and rows, gradient, bounds, states of the constraints."""
 
 ACTIVE, AT_LOWER, SOFT = 1, 2, 8
-"""States of a constraint: in the working set, at its lower bound, and whether it may be violated at a price."""
+"""State flags of a constraint: in the working set, at its lower bound, and soft, which is violated at a price."""
 
 TOLERANCE = 1e-9
-"""Largest violation of a bound, in lengths of its row."""
+"""Largest violation of a bound, relative to the length of its row."""
 
 _WORKSPACE_BYTES = 4096  # the library's own structure takes 424
 _POINTER = ctypes.c_size_t
@@ -102,12 +102,12 @@ def _solve(typingctx, function, result, workspace):  # type: ignore[no-untyped-d
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Program(Shared):
-    """min x'H x / 2 + f'x over lower <= [x; R x] <= upper, as compiled code takes it.
+    """min x'H x / 2 + f'x over lower <= [x; R x] <= upper, for compiled code.
 
     hessian (variables, variables), gradient (variables,), rows (rows, variables), lower and upper (variables + rows,),
     states (variables + rows,) of the constraints, solution (variables,), multipliers (variables + rows,), positive at
-    an upper bound: H x + f + [I R'] multipliers = 0. result: what the library found, addresses: of its structures and
-    functions.
+    an upper bound: H x + f + [I R'] multipliers = 0. result: the library's result. addresses: those of its structures
+    and functions.
     """
 
     hessian: Array
@@ -130,10 +130,10 @@ def quadratic_program(
     soft_linear: Array | None = None,
     soft_quadratic: Array | None = None,
 ) -> tuple[Program, tuple[Any, ...]]:
-    """A program of so many variables, bounded each, and so many rows; and its memory, which must outlive all its use.
+    """A program with ``variables`` bounded variables and ``rows`` rows; and its memory, which must live as long.
 
-    soft_rows (rows,): which may be violated by s at the price of soft_linear s + soft_quadratic s^2, (rows,) each.
-    Raises UserError where the installed solver is not the one whose structures are known here.
+    soft_rows (rows,): rows that may be violated by s at the price soft_linear s + soft_quadratic s^2, (rows,) each.
+    Raises UserError where the installed solver has other structures than those that are known here.
     """
     constraints = variables + rows
     program = Program(
@@ -163,7 +163,7 @@ def quadratic_program(
     )
     result = _Result.from_buffer(program.result.data)
     result.solution, result.multipliers = program.solution.ctypes.data, program.multipliers.ctypes.data
-    # The settings' address is the only thing that this call writes into an empty workspace.
+    # This call writes only the settings' address into an empty workspace.
     workspace = np.zeros(_WORKSPACE_BYTES // 8, np.int64)
     place = workspace.ctypes.data
     _function("allocate_daqp_settings", None, _POINTER)(place)
@@ -174,7 +174,7 @@ def quadratic_program(
     settings.primal_tolerance = TOLERANCE
     flag = _function("setup_daqp", ctypes.c_int, _POINTER, _POINTER, _POINTER)(ctypes.addressof(problem), place, 0)
     if flag < 0:
-        raise UserError(f"the quadratic program can't be set up (flag {flag}); the weights may be no numbers")
+        raise UserError(f"the quadratic program can't be set up (flag {flag}); check that the weights are finite")
     if soft_rows is not None and np.any(soft_rows):
         linear, quadratic = np.zeros(constraints), np.zeros(constraints)
         linear[variables:] = 0.0 if soft_linear is None else soft_linear
@@ -194,9 +194,9 @@ def _release(place: int) -> None:
 
 @inner
 def solve(program: Program, changed: int) -> bool:
-    """Solve a program of which ``changed`` has changed; True where ``solution`` and ``multipliers`` are optimal.
+    """Solve a program whose parts ``changed`` have changed; True where ``solution`` and ``multipliers`` are optimal.
 
-    The search begins at the working set that ``states`` names, where they are among the changes.
+    The search begins at the working set in ``states``, where these are among the changes.
     """
     problem, workspace, result, update, search = program.addresses
     if _update(update, changed, workspace, problem) < 0:
@@ -210,14 +210,14 @@ def solve(program: Program, changed: int) -> bool:
 
 @kernel
 def factorise(program: Program) -> bool:
-    """Take in new matrices ahead of the next solution, which then has only vectors to take in."""
+    """Factorise new matrices before the next solution, which then only has new vectors."""
     problem, workspace, _, update, _ = program.addresses
     return _update(update, MATRICES, workspace, problem) >= 0  # type: ignore[no-any-return]
 
 
 @inner
 def keep_working_set(program: Program) -> None:
-    """Let the next search begin at the working set of this solution."""
+    """Let the next search begin with the working set of this solution."""
     for i in range(program.states.shape[0]):
         state = program.states[i] & SOFT
         if program.multipliers[i] > 0.0:
@@ -229,7 +229,7 @@ def keep_working_set(program: Program) -> None:
 
 @inner
 def clear_working_set(program: Program) -> None:
-    """Let the next search begin at no constraint."""
+    """Let the next search begin with an empty working set."""
     for i in range(program.states.shape[0]):
         program.states[i] &= SOFT
         program.multipliers[i] = 0.0

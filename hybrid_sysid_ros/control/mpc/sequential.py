@@ -1,4 +1,4 @@
-"""Sequential quadratic programming on the inputs of a horizon, the states being simulated at each iterate.
+"""Sequential quadratic programming in the inputs of a horizon; the states are simulated at each iterate.
 
 Tenny, Wright & Rawlings (2004), Computational Optimization and Applications 28 (feasible iterates); Nocedal & Wright
 (2006), Numerical optimization, chapter 18.
@@ -31,29 +31,28 @@ from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
 
 HALVINGS = 8
-"""Times that a step may be halved in search of a cost that is no higher."""
+"""Most halvings of a step in search of a cost that is not higher."""
 
 SLOW = 0.1
-"""Share of the residual that a good Gauss-Newton step leaves at most; after a slower one the curvature of the dynamics
-is taken in.
+"""Ratio of residuals above which a Gauss-Newton step is slow; after a slow step the curvature of the dynamics is used.
 """
 
 STALLED, PATIENCE = 0.5, 8
-"""Share of the residual from which on a step with curvature was a bad one, and steps before that counts."""
+"""Ratio of residuals above which a step with curvature has stalled, and number of steps before this counts."""
 
 COARSE = 30.0
-"""By how much wider stick-slip is rounded for a second try at a first step that led uphill: where everything sticks,
-the derivatives by the inputs say next to nothing.
+"""Factor of the smoothing for a second attempt at a first step that increased the cost: where everything sticks, the
+derivatives by the inputs are nearly zero.
 """
 
 
 class SolverResult(NamedTuple):
-    """What :func:`solve` found."""
+    """The result of :func:`solve`."""
 
     solved: bool
-    """The KKT residual is within the tolerance."""
+    """Whether the KKT residual is within the tolerance."""
     iterations: int
-    """Steps made; 0 where a quadratic program had no solution."""
+    """Number of steps; 0 where a quadratic program had no solution."""
     residual: float
     """The largest entry of the gradient of the Lagrangian."""
 
@@ -68,9 +67,7 @@ def solve(
     tolerance: float,
     anew: bool,
 ) -> SolverResult:
-    """Step until solved: by Gauss-Newton, and where that is slow by Newton's method. anew: else go on from the call
-    before.
-    """
+    """Iterate by Gauss-Newton, and where that is slow by Newton's method. anew: False continues the previous call."""
     assign(horizon.states[0], instance.state)
     assign(horizon.disturbance, instance.disturbance)
     clamp_inputs(horizon, instance.previous, horizon.inputs)
@@ -102,8 +99,8 @@ def solve(
 def _find_hessian(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, error: float, last: float
 ) -> None:
-    """Add the curvature of the dynamics to the Hessian where Gauss-Newton is slow: as the steps tell it, and where that
-    is slow too, by differences.
+    """Add the curvature of the dynamics to the Hessian where Gauss-Newton is slow: by updates from the steps, and where
+    these are slow too, by differences.
     """
     progress = horizon.progress[0]
     if progress.steps == 0:
@@ -127,7 +124,7 @@ def _find_hessian(
 def _search(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float, first: bool
 ) -> float:
-    """Make the step of a solution, halved until the cost is no higher; the new cost. The model is linearised there."""
+    """Make the step of a solution, halved until the cost is not higher, and linearise there; return the new cost."""
     length = 1.0
     _step(horizon, program, 1.0)
     for halving in range(HALVINGS + 1):
@@ -146,7 +143,7 @@ def _search(
 
 @inner
 def _coarse_step(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> float:
-    """Make the step that rounder stick-slip proposes; its length, 0 where there is none."""
+    """Make the step that results from a larger smoothing; return its length, 0 where there is none."""
     linearise(prediction, horizon, COARSE * prediction.smoothing, True)
     condense(horizon, program)
     evaluate_program(horizon, program, instance, False)
@@ -159,7 +156,7 @@ def _coarse_step(prediction: PredictionModel, horizon: Horizon, program: Program
 
 @inner
 def _step(horizon: Horizon, program: Program, length: float) -> None:
-    """Move the inputs along a solution."""
+    """Move the inputs along a step."""
     count, m = horizon.inputs.shape
     for i in range(count):
         for j in range(m):

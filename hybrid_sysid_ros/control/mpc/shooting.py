@@ -1,6 +1,6 @@
-"""The exact MPC in compiled code: its memory, its trajectories, the two phases of a real-time iteration, and a call.
+"""The exact MPC in compiled code: its memory, its trajectories, both phases of a real-time iteration, and a call.
 
-Real-time iteration about a trajectory with gaps: Bock & Plitt (1984), IFAC World Congress; Diehl et al. (2002), J.
+Real-time iteration around a trajectory with gaps: Bock & Plitt (1984), IFAC World Congress; Diehl et al. (2002), J.
 Process Control 12(4).
 """
 
@@ -32,24 +32,24 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 DOUBT = 0.05
-"""Share by which a plan of a feedback phase may cost more than was predicted."""
+"""Share by which the cost of a plan in a feedback phase may exceed the predicted cost."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonMemory:
-    """The memory of one horizon: what the compiled functions here take."""
+    """The memory of one horizon, for the compiled functions here."""
 
     prediction: PredictionModel
     horizon: Horizon
     program: Program
     memory: tuple[Any, ...]
-    """Of the program."""
+    """Memory of the program."""
 
 
 def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
-    """Make the memory.
+    """The memory of a problem.
 
-    Raises UserError for a problem of other numbers of inputs, outputs or states, and for inputs of different delays.
+    Raises UserError for a problem with other numbers of inputs, outputs or states, and for different input delays.
     """
     problem = problem.sized(system)
     one_delay(system, problem)
@@ -73,8 +73,8 @@ def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
 
 
 def one_delay(system: System, problem: ControlProblem) -> None:
-    """Raise UserError for inputs whose delays differ by more than half an integration step: a controller is given the
-    state that all its inputs will meet.
+    """Raise UserError for inputs whose delays differ by more than half an integration step, since a controller gets one
+    state for all inputs.
     """
     delays = system.input_delays
     if np.ptp(delays) > 0.5 * problem.period / problem.substeps:
@@ -89,7 +89,7 @@ def one_delay(system: System, problem: ControlProblem) -> None:
 
 @inner
 def cold_start(prediction: PredictionModel, horizon: Horizon, instance: Instance) -> None:
-    """The trajectory of the inputs before, held."""
+    """The trajectory under constant previous inputs."""
     count, m = horizon.inputs.shape
     drive, x, following = np.empty(m), np.empty(instance.state.shape[0]), np.empty(instance.state.shape[0])
     assign(x, instance.state)
@@ -105,7 +105,7 @@ def cold_start(prediction: PredictionModel, horizon: Horizon, instance: Instance
 
 @kernel
 def shift(prediction: PredictionModel, horizon: Horizon, fraction: float) -> None:
-    """The trajectory that much of an interval later."""
+    """Shift the trajectory by a fraction of an interval."""
     count, n = horizon.linear.reached.shape
     m = horizon.inputs.shape[1]
     drive, x, following = np.empty(m), np.empty(n), np.empty(n)
@@ -134,8 +134,8 @@ def rollout(
 def follow(
     prediction: PredictionModel, weights: StageWeights, instance: Instance, inputs: Array, states: Array
 ) -> tuple[float, float]:
-    """Simulate inputs (N, m) in the exact form into ``states`` (N + 1, n); their cost, and by how much a state is
-    outside of its bounds at most.
+    """Simulate inputs (N, m) in the exact form into ``states`` (N + 1, n); return their cost, and the largest distance
+    of a state from its bounds.
     """
     n, m = instance.state.shape[0], inputs.shape[1]
     drive, x, following = np.empty(m), np.empty(n), np.empty(n)
@@ -158,13 +158,13 @@ def follow(
 
 @kernel
 def bound_inputs(horizon: Horizon, previous: Array, inputs: Array) -> None:
-    """Cut inputs (N, m) to their bounds and rate limits after ``previous`` (m,)."""
+    """Limit inputs (N, m) to their bounds and rate limits after ``previous`` (m,)."""
     clamp_inputs(horizon, previous, inputs)
 
 
 @kernel
 def forget(program: Program) -> None:
-    """Begin the next search anew: at no constraint."""
+    """Let the next search begin with an empty working set."""
     quadratic.clear_working_set(program)
 
 
@@ -173,7 +173,7 @@ def forget(program: Program) -> None:
 
 @kernel
 def prepare_program(prediction: PredictionModel, horizon: Horizon, program: Program) -> None:
-    """The preparation phase: linearise and condense about the trajectory."""
+    """The preparation phase: linearise around the trajectory and condense."""
     linearise(prediction, horizon, prediction.smoothing, False)
     condense(horizon, program)
 
@@ -182,10 +182,10 @@ def prepare_program(prediction: PredictionModel, horizon: Horizon, program: Prog
 def feedback(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, tolerance: float
 ) -> SolverResult:
-    """The feedback phase: the step from what was prepared, its matrices factorised.
+    """The feedback phase: the step from the prepared program, whose matrices are factorised.
 
-    Where the plan costs more than was predicted the state is not the one that was prepared for, and the step is made
-    about the state itself instead. A result of no iterations: the program has no solution; the trajectory then stays.
+    Where the plan costs more than predicted, the state differs from the prepared one, and the step is made around the
+    state itself. A result with 0 iterations means that the program has no solution; the trajectory then stays.
     """
     evaluate_program(horizon, program, instance, True)
     if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
@@ -216,10 +216,10 @@ def solve_call(
     prepared: bool,
     anew: bool,
 ) -> SolverResult:
-    """A call of the controller: the feedback phase if one is prepared, else as many steps as it takes. Not anew: more
-    steps for the last call.
+    """A call of the controller: the feedback phase if it is prepared, else steps until convergence. anew: False makes
+    further steps for the last call.
 
-    The plan is in ``horizon.planned``. A result of no iterations: the trajectory is what it was.
+    The plan is in ``horizon.planned``. With 0 iterations the trajectory has not changed.
     """
     if anew and not _begin(prediction, horizon, instance, cold):
         return SolverResult(False, 0, np.inf)
@@ -239,7 +239,7 @@ def solve_call(
 
 @inner
 def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, cold: bool) -> bool:
-    """Where a call begins, which is kept; False where something that was given is no number."""
+    """Prepare the initial trajectory of a call and keep it; False where part of the instance is not a number."""
     if not (_finite(instance.state) and _finite(instance.disturbance) and _finite(instance.previous)):
         return False
     for i in range(instance.preview.shape[0]):
@@ -263,7 +263,7 @@ def plan(horizon: Horizon, instance: Instance) -> None:
 
 @inner
 def plan_within(horizon: Horizon, instance: Instance) -> None:
-    """The inputs of the trajectory, within all limits after the input before."""
+    """Write the plan: inputs of the trajectory within all limits after the previous input."""
     _copy(horizon.inputs, horizon.planned)
     clamp_inputs(horizon, instance.previous, horizon.planned)
 
@@ -276,7 +276,7 @@ def restore(horizon: Horizon, program: Program) -> None:
 
 @inner
 def restore_trajectory(horizon: Horizon, program: Program) -> None:
-    """Take the trajectory back that was there before a solution, and forget what was found on the way."""
+    """Restore the trajectory before a solution, and forget the multipliers that were found."""
     _copy(horizon.last.states, horizon.states)
     _copy(horizon.last.inputs, horizon.inputs)
     assign(horizon.disturbance, horizon.last.disturbance)
@@ -291,7 +291,7 @@ def _copy(values: Array, target: Array) -> None:
 
 @inner
 def _finite(values: Array) -> bool:
-    """Whether all are numbers."""
+    """Whether all values are finite."""
     sound = True
     for i in range(values.shape[0]):
         sound = sound and math.isfinite(values[i])

@@ -1,1 +1,1 @@
-"""The approximate MPC: a network, its training on closed loops of the exact one, and its folder."""
+"""The approximate MPC: a network that imitates the exact one, its training settings and its folder."""

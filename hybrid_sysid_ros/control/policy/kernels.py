@@ -1,7 +1,7 @@
 """A policy in compiled code: its training range, its packed numbers, and its bounded inputs in about a microsecond.
 
-The sizes of a network are arguments, so that these functions are compiled once for all policies and are loaded from the
-cache on disk by the next process.
+The sizes of a network are arguments, so these functions are compiled once for all policies, and the next process loads
+them from the cache on disk.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 RIDGE = 1e-3
-"""Variance added to every standardised feature, so that directions in which the data hardly vary are not counted as
-known to a hair: the previews of a smooth reference lie almost in a plane."""
+"""Variance added to every standardised feature, so that directions in which the data hardly vary don't become sharp
+limits: the previews of a smooth reference lie almost in a plane."""
 
 UNBOUNDED = 1e12
-"""Of a feature whose box says nothing."""
+"""Bound of a feature that the box does not limit."""
 
 ROUNDING = 1e-9
-"""Relative, far above that of the numbers themselves."""
+"""Relative rounding, far above that of the numbers themselves."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingRange:
     """Features within low and high (features,), and |whitening (z - centre) / scale| within ``reach``.
 
-    The first is the box of the training data, the second their ellipsoid (Mahalanobis distance), which tells that a
-    state and a reference never met even where each alone was seen. whitening (features, features): inverse of the
+    The first is the box of the training data, the second their ellipsoid (Mahalanobis distance), which excludes unseen
+    combinations of a state and a reference that were each seen alone. whitening (features, features): inverse of the
     Cholesky factor of the covariance of the standardised features, lower triangular.
     """
 
@@ -56,20 +56,20 @@ class TrainingRange:
 
     @classmethod
     def of(cls, features: Array, centre: Array, scale: Array) -> TrainingRange:
-        """The range of training data (samples, features), all of which lie within it."""
+        """The range that contains all training data (samples, features)."""
         standardised = (features - centre) / scale
         covariance = standardised.T @ standardised / len(features) + RIDGE * np.eye(features.shape[1])
         whitening = np.linalg.inv(np.linalg.cholesky(covariance))
         squares = np.sum((standardised @ whitening.T) ** 2, axis=1)
         low, high = features.min(axis=0), features.max(axis=0)
-        # A hair more, for compiled code adds in another order.
+        # A little more, since compiled code sums in another order.
         hair = ROUNDING * np.maximum(np.abs(low), np.abs(high))
         reach = float(np.sqrt(squares.max()) * (1 + ROUNDING))
         return cls(low=low - hair, high=high + hair, whitening=whitening, reach=reach)
 
     def onto(self, raw: Array) -> TrainingRange:
-        """The same of standardised raw features, of which these are the map ``raw`` (features, features), lower
-        triangular: of what they don't depend on alone the box says nothing.
+        """The range of standardised raw features, from which the lower triangular map ``raw`` (features, features)
+        makes these features. The box limits only features that depend on one raw feature alone.
         """
         free = np.any(raw != np.eye(len(raw)), axis=0) | np.any(raw != np.eye(len(raw)), axis=1)
         low, high = np.where(free, -UNBOUNDED, self.low), np.where(free, UNBOUNDED, self.high)
@@ -81,10 +81,10 @@ class TrainingRange:
         return np.concatenate([self.low, self.high, [self.reach], self.whitening.ravel()])
 
 
-# What the sizes of a policy are, by place: states, inputs, outputs; tracked ones, which come next by their numbers;
-# intervals of the preview, stages of an answer, features, followed parameters.
+# Sizes of a policy by index: states, inputs, outputs, tracked outputs (whose indices come behind), intervals of the
+# preview, stages of an answer, features, followed parameters.
 STATES, INPUTS, OUTPUTS, HORIZON, STAGES, FEATURES, FOLLOWED, TRACKED, COUNTS = range(9)
-# Where numbers begin, by place: lower and upper bounds and rate limits (inputs,); output map (tracked, states); centre
+# Where numbers begin, by index: lower and upper bounds and rate limits (inputs,); output map (tracked, states); centre
 # and 1 / scale (features,); range: low, high (features,), reach, whitening (features, features); network, correction;
 # deviation (followed,) of the parameters.
 LOW, HIGH, RATE, MAP, CENTRE, SCALE, RANGE, NETWORK, CORRECTION, DEVIATION, PLACES = range(COUNTS, COUNTS + 11)
@@ -92,10 +92,10 @@ LOW, HIGH, RATE, MAP, CENTRE, SCALE, RANGE, NETWORK, CORRECTION, DEVIATION, PLAC
 
 
 class Packed(NamedTuple):
-    """A policy as compiled functions take it: counts and places, see above, and all numbers in a row.
+    """A policy for compiled functions: sizes and indices, see above, and all numbers in a row.
 
-    Two arrays, for each costs a call from Python some 60 ns. The deviation of the followed parameters, in their
-    spreads, is at the end of the numbers and may be written while the policy is used.
+    There are only two arrays, since each costs a call from Python some 60 ns. The deviation of the followed parameters,
+    in their spreads, is at the end of the numbers and may be written while the policy is used.
     """
 
     sizes: NDArray[np.int64]
@@ -117,8 +117,8 @@ def packed(
 ) -> Packed:
     """Pack a policy.
 
-    bounds: low, high and rate limits (inputs,). output_map (tracked, states): of the tracked outputs. standard: centre
-    and scale (features,). training_range: :attr:`~.kernels.TrainingRange.packed`. Raises UserError for layers
+    bounds: low, high and rate limits (inputs,). output_map (tracked, states): that of the tracked outputs. standard:
+    centre and scale (features,). training_range: :attr:`~.kernels.TrainingRange.packed`. Raises UserError for layers
     that don't fit each other, or are too wide.
     """
     inputs, states = len(bounds[0]), output_map.shape[1]
@@ -138,7 +138,7 @@ def packed(
 
 @inner
 def _features(sizes: Any, numbers: Any, flat: Any, out: Any) -> None:
-    """Features of a flat instance [x, d, u_previous, q_1 (outputs,), ..]: of q the tracked ones less the output map."""
+    """Features of a flat instance [x, d, u_previous, q_1 (outputs,), ..]: of q, tracked outputs less the output map."""
     states, tracked = sizes[STATES], sizes[TRACKED]
     first = states + 2 * sizes[INPUTS]
     for j in range(first):
@@ -182,8 +182,8 @@ def _evaluate(sizes: Any, numbers: Any, z: Any, answers: Any) -> None:
 
 @inner
 def network_answer(sizes: Any, numbers: Any, flat: Any, plan: Any) -> bool:
-    """Write the bounded plan (stages, inputs) to a flat instance; False where something is not a finite number, and
-    the plan then means nothing.
+    """Write the bounded plan (stages, inputs) for a flat instance; False where something is not finite, and the plan is
+    then meaningless.
     """
     features, z, answers = scratch(WIDEST), scratch(WIDEST), scratch(WIDEST)
     _features(sizes, numbers, flat, features)
@@ -206,7 +206,7 @@ def network_answer(sizes: Any, numbers: Any, flat: Any, plan: Any) -> bool:
 
 @inner
 def inside(sizes: Any, numbers: Any, flat: Any) -> bool:
-    """Whether a flat instance is like those of the training: within their box and their ellipsoid."""
+    """Whether a flat instance is within the box and the ellipsoid of the training."""
     features, z = scratch(WIDEST), scratch(WIDEST)
     _features(sizes, numbers, flat, features)
     if not _standardise(sizes, numbers, features, z):
@@ -233,7 +233,7 @@ def contains(sizes: NDArray[np.int64], numbers: Array, flat: Array) -> bool:
 
 @kernel
 def rows(sizes: NDArray[np.int64], numbers: Array, features: Array, out: Array) -> None:
-    """Unbounded inputs (samples, stages inputs) to raw features (samples, features); NaN where one is no number."""
+    """Unbounded inputs (samples, stages inputs) for raw features (samples, features); NaN where one is not finite."""
     z, answers = scratch(WIDEST), scratch(WIDEST)
     for i in range(features.shape[0]):
         known = _standardise(sizes, numbers, features[i], z)
@@ -269,7 +269,7 @@ def _answer_in_parts(
 
 @cache
 def answer_in_parts() -> Callable[..., bool]:
-    """:func:`network_answer` for Python, to an instance in its parts: one call takes less time than four copies.
+    """:func:`network_answer` for Python and an instance in parts: one call takes less time than four copies.
 
     Takes state (states,), disturbance and previous input (inputs,), preview (horizon, outputs) in any layout, sizes,
     numbers and the plan. Raises ValueError for parts of other sizes and TypeError for other arrays.

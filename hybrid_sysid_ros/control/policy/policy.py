@@ -1,4 +1,4 @@
-"""Approximate MPC: a network that answers in microseconds. It needs numpy and numba, not torch."""
+"""Approximate MPC: a network that answers in microseconds, with numpy and numba but without torch."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 FARTHEST = 2.0
-"""Spreads within which a parameter's deviation is believed: the correction is linear in it."""
+"""Limit of a parameter's deviation in spreads, since the correction is linear."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Correction:
     """u = NN(z) + NN_S(z) (theta - theta_0) / spread: NN_S is the derivative of the exact MPC's inputs by parameters.
 
-    names: of theta. nominal, spread (parameters,) in their units. layers: of NN_S; its outputs are
+    names: those of theta. nominal, spread (parameters,) in their units. layers: those of NN_S, whose outputs are
     (parameters, outputs of NN) row by row, in units of the input limit. Hose, Gräfe, Trimpe (2024), Parameter-adaptive
     approximate MPC: tuning neural-network controllers without retraining, L4DC.
     """
@@ -41,7 +41,7 @@ class Correction:
     layers: tuple[tuple[Array, Array], ...]
 
     def deviation(self, values: Mapping[str, float], before: Array) -> Array:
-        """Deviation (parameters,) in spreads, within +-:data:`FARTHEST`; ``before`` for what is no number."""
+        """Deviation (parameters,) in spreads, limited to +-:data:`FARTHEST`; ``before`` where a value is not finite."""
         found = before.copy()
         for index, name in enumerate(self.names):
             value = values.get(name, np.nan)
@@ -53,27 +53,26 @@ class Correction:
 FORMAT = 3
 
 SELF_CHECK_TOLERANCE = 1e-9
-"""Largest difference [unit of the input] of the self-check vectors on loading."""
+"""Largest difference [unit of the input] from the self-check vectors on loading."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Policy:
     """u_0..u_{K-1} = NN(x, d, u_previous, q_1..q_N), the imitation of an exact MPC, kept within its bounds.
 
-    The features are [x, d, u_previous, q_1 - C x, ..., q_N - C x], of q the tracked outputs alone, less ``centre`` and
-    divided by ``scale``; tanh layers with weights W and biases b follow and a straight output: 0 is the middle of an
-    input's bounds, +-1 are the bounds. K is 1, or the horizon: the whole sequence, which can be checked by simulating
-    it (Hose, Köhler, Zeilinger, Trimpe 2025, Approximate nonlinear MPC with safety-augmented neural networks, IEEE TCST
-    33(6)).
+    The features are [x, d, u_previous, q_1 - C x, ..., q_N - C x] with the tracked outputs q, less ``centre`` and
+    divided by ``scale``. Tanh layers with weights W and biases b and a linear output follow: 0 is the middle of an
+    input's bounds, +-1 are the bounds. K is 1, or the horizon: a whole plan can be checked by simulation (Hose, Köhler,
+    Zeilinger, Trimpe 2025, Approximate nonlinear MPC with safety-augmented neural networks, IEEE TCST 33(6)).
     """
 
     problem: ControlProblem
-    """The MPC it imitates, sized: n states, m inputs, p outputs."""
+    """The problem of the imitated MPC, sized: n states, m inputs, p outputs."""
     model: str
     """Seal of that MPC's model."""
     rig: str
     output_map: Array
-    """C (tracked, n): how the tracked outputs go with the states near rest. Features are errors by it."""
+    """C (tracked, n), derivative of the tracked outputs by the states near rest, for the errors among the features."""
     centre: Array
     """(features,)."""
     scale: Array
@@ -81,17 +80,17 @@ class Policy:
     layers: tuple[tuple[Array, Array], ...]
     """W (out, in) and b (out,) in turn."""
     training_range: TrainingRange
-    """Of the features."""
+    """Range of the features in training."""
     correction: Correction | None = None
-    """For parameters that are estimated online, if any."""
+    """Correction for parameters that are estimated online, if any."""
     training: Mapping[str, Any] = field(default_factory=dict)
-    """How it was made and how near it comes."""
+    """How it was trained, and how well it imitates."""
     check: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros((0, 1, 1)))
     """Features (samples, features) and unbounded inputs (samples, K, m) that it must reproduce when it is loaded."""
     certificate: Certificate | None = None
-    """What closed loops say about it, where it has one."""
+    """Its certificate, if it has one."""
     packed: Packed = field(init=False, repr=False)
-    """As compiled functions take it."""
+    """The policy for compiled functions."""
     _shape: tuple[int, int] = field(init=False, repr=False)
     _no_states: Array = field(init=False, repr=False)
 
@@ -153,7 +152,7 @@ class Policy:
 
     @property
     def tracked(self) -> tuple[int, ...]:
-        """The outputs that the problem weighs; what the others should be is not read."""
+        """Indices of the outputs that the problem weights; references of the others are not read."""
         return tuple(index for index, weight in enumerate(self.problem.output_weights) if weight > 0)
 
     @property
@@ -166,7 +165,7 @@ class Policy:
 
     @property
     def stages(self) -> int:
-        """K: of how many intervals it gives the inputs, 1 or the horizon."""
+        """K, the number of intervals in an answer: 1 or the horizon."""
         return len(self.layers[-1][1]) // self.inputs
 
     def reset(self) -> None:
@@ -176,8 +175,8 @@ class Policy:
         """A policy has nothing to prepare."""
 
     def adapt(self, parameters: Mapping[str, float]) -> None:
-        """Follow the plant's parameters as they are estimated, by name [their unit]; a policy without a correction
-        leaves them unread.
+        """Adapt to estimated parameters of the plant, by name, in their units. A policy without a correction ignores
+        them.
         """
         if self.correction is not None:
             numbers = self.packed.numbers
@@ -185,8 +184,8 @@ class Policy:
             deviation[:] = self.correction.deviation(parameters, deviation)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
-        """See :class:`~hybrid_sysid_ros.control.controller.Controller`. What is not a number gives HELD: the previous
-        input within its bounds, or the nearest to zero. Raises ValueError for a part of another size.
+        """See :class:`~hybrid_sysid_ros.control.controller.Controller`. A part that is not a number gives HELD: the
+        previous input within its bounds, or the value nearest to zero. Raises ValueError for a part of another size.
         """
         plan, (sizes, numbers) = np.empty(self._shape), self.packed
         try:
@@ -200,7 +199,7 @@ class Policy:
         return kept._replace(inputs=kept.inputs[: self.stages])
 
     def inside(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> bool:
-        """Whether an instance is like those of the training; never where something is not a number."""
+        """Whether an instance is within the training range; False where something is not a number."""
         flat = np.concatenate([np.ravel(part) for part in (state, disturbance, previous_input, preview)])
         return bool(kernels.contains(*self.packed, flat.astype(float)))
 
@@ -209,7 +208,7 @@ class Policy:
         return policy_features(instances, self.output_map, self.tracked, self.inputs, self.outputs)
 
     def evaluate(self, features: Array) -> Array:
-        """Unbounded inputs (samples, K, m) to raw features (samples, features)."""
+        """Unbounded inputs (samples, K, m) for raw features (samples, features)."""
         rows = np.ascontiguousarray(features, dtype=float)
         answers = np.empty((len(rows), len(self.layers[-1][1])))
         kernels.rows(*self.packed, rows, answers)
@@ -254,11 +253,11 @@ def policy_features(instances: Array, output_map: Array, tracked: Sequence[int],
 
 
 def load(folder: Path | str, *, model: Model | None = None, certified: bool = True) -> Policy:
-    """Read a policy folder and let it check itself.
+    """Read a policy folder and run its self-check.
 
-    model: the one that it is to be used with. certified: read its certificate, where there is one. Raises UserError
-    where a file is missing, altered, newer or older, where the policy was made for another model, where its self-check
-    vectors are not reproduced, and where the certificate is not this policy's.
+    model: the model that it will be used with. certified: read its certificate, if there is one. Raises UserError where
+    a file is missing, altered, newer or older, where the policy was made for another model, where its self-check
+    vectors are not reproduced, and where the certificate belongs to another policy.
     """
     content, arrays = storage.load(folder, kind="policy", version=FORMAT)
     path = Path(folder) / "policy.yaml"
@@ -302,7 +301,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
 
 
 def _answers(layers: NetworkLayers, features: int) -> int:
-    """How many numbers a network answers with."""
+    """Number of a network's outputs. Raises UserError where its features don't fit."""
     widths = widths_of(layers)
     if widths[0] != features:
         raise UserError(f"policy: a network of {widths[0]} features does not fit the {features} of its problem")
@@ -310,7 +309,7 @@ def _answers(layers: NetworkLayers, features: int) -> int:
 
 
 def named_layers(prefix: str, layers: NetworkLayers) -> dict[str, Array]:
-    """W0, b0, W1, ... with a prefix."""
+    """Weights and biases by the names W0, b0, W1, ... with a prefix."""
     return {f"{prefix}{kind}{i}": part for i, pair in enumerate(layers) for kind, part in zip("Wb", pair, strict=True)}
 
 

@@ -9,24 +9,24 @@ from dataclasses import dataclass, field
 from hybrid_sysid_ros.support.errors import UserError
 
 MOST_EPISODES = 10_000
-"""In a round; each round's loops have seeds of their own."""
+"""Most closed loops in a round; each round's loops have seeds of their own."""
 
 WIDEST, DEEPEST = 4096, 8
-"""Layer, and number of layers: far above what answers in time, below what fills the memory."""
+"""Largest width and number of layers: far more than a real-time network has, and still within memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """episodes: closed loops of each round; the first is driven by the MPC, later ones by the policy so far (DAgger).
-    hidden: widths of the tanh layers. epochs, batch, rate: of SOAP, the rate falling along a cosine; earlier rounds
-    train for a third of the epochs. workers: processes that sample, 0 for one per core.
+    """episodes: number of closed loops in each round; the MPC drives the first round, the policy so far later ones
+    (DAgger). hidden: widths of the tanh layers. epochs, batch, rate: settings of SOAP, whose rate falls along a cosine;
+    earlier rounds train for a third of the epochs. workers: processes that sample, 0 for one per core.
 
-    levelling: samples count by the mean stage cost of their loop to the power of -levelling. At 0 an error counts the
-    same everywhere, at 1 in the share that it adds to its loop's cost, so that little is left for the lively ones.
+    levelling: samples are weighted by the mean stage cost of their loop to the power of -levelling. At 0 an error
+    counts equally everywhere, at 1 relative to its loop's cost, which neglects loops with large motion.
 
-    sequence: the network gives the whole plan and not its first input alone. plan_weight: of all inputs after the first
-    together, which has weight 1. followed: parameters for whose estimates the policy learns a correction,
-    and how far from the model's they are expected [their unit].
+    sequence: the network gives the whole plan, not only its first input. plan_weight: weight of all later inputs
+    together; the first one has weight 1. followed: parameters for whose estimates the policy learns a correction, with
+    their expected deviations from the model's values, in their units.
     """
 
     episodes: tuple[int, ...] = (800, 800, 800)
