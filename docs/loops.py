@@ -5,39 +5,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape
 
 import numpy as np
 
 import hybrid_sysid_ros as hs
-from hybrid_sysid_ros.extensions.friction_atlas.line_plots import ticks
+from docs.lines import Line, Panel, draw
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
 from hybrid_sysid_ros.library.loops import Loop
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.files import written_file
 
 HERE = Path(__file__).parent
-WIDTH, LEFT, RIGHT, TOP, GAP, BOTTOM = 560, 266, 14, 34, 18, 28
-HEIGHTS = (140, 62)
+LEFT, LOW = 266, 62
+"""Where the axes begin, and the height of the lower panel [pixels]."""
 STAGE = (10.0, 34.0, 192.0, 254.0)
 """Where the drawing stands: left, top, right, bottom."""
-SEEN = 0.2
-"""By how much a line may be off without anybody who sees it [pixels]."""
 FRAMES = 20.0  # 1/s, of what moves
 STYLE = """
-svg { --paper: #fff; --text: #2b3440; --grid: #e1e5ea; --still: #b9c1ca }
-svg { --wanted: #8b95a1; --found: #1f6fb2; --input: #c7600a }
-@media (prefers-color-scheme: dark) {
-  svg { --paper: #1e2129; --text: #d7dce2; --grid: #3a404b; --still: #59626e }
-  svg { --wanted: #8f99a5; --found: #6db3ee; --input: #f0a050 }
-}
-text { fill: var(--text) } .paper { fill: var(--paper) } .grid { stroke: var(--grid) }
-.line { fill: none; stroke-width: 1.8 }
-.wanted { stroke: var(--wanted) } .found { stroke: var(--found) } .input { stroke: var(--input) }
 .body { fill: var(--found) } .still { fill: var(--still) } .flame { fill: var(--input) }
 .mark { stroke: var(--paper); stroke-width: .012 }
 """
@@ -65,89 +52,37 @@ PICTURES = (
 )
 
 
-def draw(path: Path, picture: Picture, loop: Loop, *, moving: bool = False) -> None:
+def draw_loop(path: Path, picture: Picture, loop: Loop, *, moving: bool = False) -> None:
     """Write a picture of a loop. moving: the drawing moves, and the lines grow, as fast as the rig does."""
     rig, seconds = loop.rig, picture.stop - picture.start
     rows = (loop.time >= picture.start - 1e-9) & (loop.time <= picture.stop + 1e-9)
-    time = loop.time[rows] - picture.start
     names = [item.name for item in rig.system.outputs]
-    panels: list[tuple[str, dict[str, Array]]] = []
+    panels = []
     for name in picture.outputs:
         k = names.index(name)
         wanted, found = (rig.display[k].shown(values[rows, k]) for values in (loop.reference, loop.outputs))
-        panels.append((f"{name.replace('_', ' ')} [{rig.display[k].unit}]", {"wanted": wanted, "found": found}))
-    if len(panels) < len(HEIGHTS):
+        lines = [
+            Line(name="reference", values=wanted, colour="wanted"),
+            Line(name="output", values=found, grows=True),
+        ]
+        label = f"{name.replace('_', ' ')} [{rig.display[k].unit}]"
+        panels.append(Panel(label=label, lines=lines, height=LOW if panels else 140))
+    if len(panels) < 2:
         variable = rig.system.inputs[0]
-        panels.append((f"{variable.name.replace('_', ' ')} [{variable.unit}]", {"input": loop.inputs[rows, 0]}))
-    height = TOP + sum(HEIGHTS) + GAP + BOTTOM
-    title = f"The loop of {rig.name}: reference, output and input over {seconds:g} s"
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img" '
-        f'font-family="sans-serif" font-size="15"><title>{escape(title)}</title>',
-        f"<style>{STYLE}{''.join(_moves(loop, rows, seconds)) if moving else ''}</style>",
-        f'<rect class="paper" width="{WIDTH}" height="{height}" rx="6"/>',
-        *_stage(rig, moving=moving),
-        *_legend(panels),
-    ]
-    top = TOP
-    for (label, lines), tall in zip(panels, HEIGHTS, strict=True):
-        parts += _panel(label, lines, time, top, tall, last=top > TOP)
-        top += tall + GAP
-    with written_file(path) as partial:
-        partial.write_text("\n".join([*parts, "</svg>\n"]), encoding="utf-8")
-
-
-def _legend(panels: Sequence[tuple[str, dict[str, Array]]]) -> Iterator[str]:
-    names = {"wanted": "reference", "found": "output", "input": "input"}
-    left = LEFT
-    for name in dict.fromkeys(name for _, lines in panels for name in lines):
-        yield f'<path class="line {name}" d="M{left} 17h16"/><text x="{left + 21}" y="21">{names[name]}</text>'
-        left += 46 + 8 * len(names[name])
-
-
-def _panel(label: str, lines: dict[str, Array], time: Array, top: int, height: int, *, last: bool) -> Iterator[str]:
-    values = np.concatenate(list(lines.values()))
-    margin = 0.08 * float(np.ptp(values))
-    low, high = float(values.min()) - margin, float(values.max()) + margin
-    wide = WIDTH - LEFT - RIGHT
-    for tick in ticks(low, high, height // 24):
-        y = top + height * (high - tick) / (high - low)
-        yield f'<path class="grid" d="M{LEFT} {y:.1f}h{wide}"/>'
-        yield f'<text x="{LEFT - 6}" y="{y + 5:.1f}" text-anchor="end">{tick:g}</text>'
-    for tick in ticks(0.0, float(time[-1]), 6):
-        x = LEFT + wide * tick / time[-1]
-        yield f'<path class="grid" d="M{x:.1f} {top}v{height}"/>'
-        if last:
-            unit = " s" if tick else ""
-            yield f'<text x="{x:.1f}" y="{top + height + 20}" text-anchor="middle">{tick:g}{unit}</text>'
-    middle = top + height / 2
-    yield (
-        f'<text x="209" y="{middle:.0f}" font-size="14" text-anchor="middle" transform="rotate(-90 209 {middle:.0f})">'
-        f"{escape(label)}</text>"
+        line = Line(name="input", values=loop.inputs[rows, 0], colour="input", grows=True)
+        panels.append(Panel(label=f"{variable.name} [{variable.unit}]", lines=[line], height=LOW))
+    draw(
+        path,
+        loop.time[rows] - picture.start,
+        panels,
+        title=f"The loop of {rig.name}: reference, output and input over {seconds:g} s",
+        left=LEFT,
+        style=STYLE + ("".join(_moves(loop, rows, seconds)) if moving else ""),
+        beside=_stage(rig),
     )
-    for name, line in lines.items():
-        across, down = LEFT + wide * time / time[-1], top + height * (high - line) / (high - low)
-        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in _thinned(np.column_stack([across, down])))
-        grows = "" if name == "wanted" else " grows"
-        yield f'<g class="line{grows}"><polyline class="line {name}" points="{points}"/></g>'
 
 
-def _thinned(points: Array) -> Array:
-    """The points (n, 2) of a line that are seen in it (Ramer 1972, by distances along y)."""
-    kept, parts = {0, len(points) - 1}, [(0, len(points) - 1)]
-    while parts:
-        first, last = parts.pop()
-        (x0, y0), (x1, y1) = points[first], points[last]
-        x, y = points[first : last + 1].T
-        off = np.abs(y - y0 - (y1 - y0) * (x - x0) / (x1 - x0))
-        middle = first + int(off.argmax())
-        if off.max() > SEEN:
-            kept.add(middle)
-            parts += [(first, middle), (middle, last)]
-    return points[sorted(kept)]
-
-
-def _stage(rig: hs.Rig, *, moving: bool) -> Iterator[str]:
+def _stage(rig: hs.Rig) -> Iterator[str]:
     """The drawing of a rig, as large as its place."""
     left, top, right, bottom = STAGE
     drawing = Drawing(rig)
@@ -199,6 +134,6 @@ def _moves(loop: Loop, rows: Array, seconds: float) -> Iterator[str]:
 if __name__ == "__main__":
     for picture in PICTURES:
         loop = hs.simulate(picture.rig, controller="supervised", reference=picture.reference, seconds=picture.stop)
-        draw(HERE / "rigs" / f"{picture.rig}.svg", picture, loop)
+        draw_loop(HERE / "rigs" / f"{picture.rig}.svg", picture, loop)
         if picture.rig == "cam_beam":
-            draw(HERE / "loop.svg", picture, loop, moving=True)
+            draw_loop(HERE / "loop.svg", picture, loop, moving=True)
