@@ -144,7 +144,7 @@ class ControllerAdapter:
             self.sources["policy"] = ModelSource(folder)
         made = controller_of(rig, model, settings, warn)
         self.controller, self.problem = made.controller, made.problem
-        self.network, self.supervisor = made.network, made.supervisor
+        self.network, self.supervisor, self.doubt = made.network, made.supervisor, made.doubt
         self.ahead = round((model.system.delay + settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon
         self.grid = np.round(period * np.arange(1, horizon + 1) * SECOND).astype(np.int64)

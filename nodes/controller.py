@@ -21,7 +21,7 @@ from hybrid_sysid_ros.control import MpcSolution
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS
 from hybrid_sysid_ros.nodes.adapters import ControllerAdapter
 from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.diagnostics import OK, Task, named_counts
+from hybrid_sysid_ros.nodes.diagnostics import OK, Task, doubted, named_counts
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import run
@@ -344,7 +344,8 @@ class ControllerNode(RigNode):
         plans = {f"plans {name}": count for name, count in statuses.items() if name not in SOUND}
         supervisor = self.adapter.supervisor
         checked = {} if supervisor is None else named_counts("check", dict(supervisor.reasons))
-        return [judged, self.judged("policy", plans, answers, **named_counts("status", statuses), **checked)]
+        policy = self.judged("policy", plans, answers, **named_counts("status", statuses), **checked)
+        return [judged, doubted(policy, self.adapter.doubt)]
 
 
 main = partial(run, ControllerNode)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
@@ -52,6 +52,11 @@ class Troubles:
         words = ", ".join(f"{count} {name}" for count, name in troubles)
         level = ERROR if share >= error else WARN if share >= warn else OK
         return level, f"{words}, of {tries}"
+
+
+def doubted(task: Task, doubt: str) -> Task:
+    """A task that warns of a doubt, unless something worse is known."""
+    return task if not doubt or task.level != OK else replace(task, level=WARN, message=doubt)
 
 
 def named_counts(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:

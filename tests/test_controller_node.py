@@ -27,6 +27,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hybrid_sysid_ros.nodes.controller import ControllerNode
+from hybrid_sysid_ros.nodes.diagnostics import OK, WARN
 from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 from hybrid_sysid_ros.nodes.validation import Reason
 from tests.node_bench import VOLT, Bench, joint, stamp_of
@@ -41,7 +42,14 @@ class Wheel:
         self.references = bench.speak("reference", JointTrajectory)
         self.commands = bench.listen("joint_command")
         self.controller: ControllerNode = bench.start(
-            ControllerNode, **{"model": str(model), "policy_path": str(network), "policy": "network", **parameters}
+            ControllerNode,
+            **{
+                "model": str(model),
+                "policy_path": str(network),
+                "policy": "network",
+                "certificate": "ignore",
+                **parameters,
+            },
         )
         bench.until(
             lambda: (
@@ -304,8 +312,9 @@ def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
     bench: Bench, model_folder: Path, planning_folder: Path
 ) -> None:
     given = {"model": str(model_folder), "policy_path": str(planning_folder), "policy": "network"}
-    with pytest.raises(UserError, match="has no certificate: hybrid-sysid policy certify"):
-        bench.start(ControllerNode, **given, certificate="require")
+    for asks in ("check", "require"):
+        with pytest.raises(UserError, match=r"has no certificate .*; certificate:=ignore uses it all the same"):
+            bench.start(ControllerNode, **given, certificate=asks)
     seal = storage.digest(planning_folder, kind="policy")
     counts = SeedCounts(
         seed=0,
@@ -326,10 +335,16 @@ def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
     )
     made.save(planning_folder)
     bench.start(ControllerNode, **given, certificate="require")
-    with pytest.raises(UserError, match=r"says mu 0\.9996 of network, less than certificate_rate 0\.9999"):
-        bench.start(ControllerNode, **given, certificate="require", certificate_rate=0.9999)
-    with pytest.raises(UserError, match=r"says mu 0\.49\d\d of supervised, less than certificate_rate 0\.99"):
-        bench.start(ControllerNode, **{**given, "policy": "supervised"}, certificate="require")
+    with pytest.raises(UserError, match=r"says 0\.9996 of network in steps, less than certificate_rate 0\.9999"):
+        bench.start(ControllerNode, **given, certificate_rate=0.9999)
+    bench.start(ControllerNode, **given, certificate_rate=0.9999, certificate="ignore")
+    given["policy"] = "supervised"
+    with pytest.raises(UserError, match=r"says 0\.49\d\d of supervised in steps, less than certificate_rate 0\.99"):
+        bench.start(ControllerNode, **given, certificate="require")
+    doubted = bench.start(ControllerNode, **given).health()[1]
+    assert doubted.level == WARN
+    assert "of supervised in steps, less than certificate_rate 0.99" in doubted.message
+    assert bench.start(ControllerNode, **given, certificate="ignore").health()[1].level == OK
     path = planning_folder / "certificate.yaml"
     path.write_text(path.read_text().replace("steps: 30000", "steps: 90000"))
     with pytest.raises(UserError, match="was altered") as reported:

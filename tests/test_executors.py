@@ -165,7 +165,8 @@ def test_a_private_name_that_rclpy_no_longer_has_is_found_missing(monkeypatch: p
 def test_a_loop_in_one_process_is_served_managed_and_ended(
     domain: int, without: str, model_folder: Path, policy_folder: Path, tmp_path: Path
 ) -> None:
-    given: dict[str, object] = {"model": str(model_folder), "policy_path": str(policy_folder), "policy": "network"}
+    network = {"policy_path": str(policy_folder), "policy": "network", "certificate": "ignore"}
+    given: dict[str, object] = {"model": str(model_folder), **network}
     nodes: dict[str, dict[str, object]] = {
         "plant": {"seed": 1},
         "estimator": {"model": given["model"]},

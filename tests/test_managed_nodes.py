@@ -317,7 +317,7 @@ sys.exit(process.run(make))
 
 def test_a_stop_does_not_wait_for_what_is_being_loaded(domain: int, model_folder: Path, policy_folder: Path) -> None:
     """A model on a disk that does not answer."""
-    given = [f"model:={model_folder}", f"policy_path:={policy_folder}", "policy:=network"]
+    given = [f"model:={model_folder}", f"policy_path:={policy_folder}", "policy:=network", "certificate:=ignore"]
     words = [word for item in given for word in ("-p", item)]
     process = subprocess.Popen(
         [sys.executable, "-c", SLOW, "--ros-args", "-r", "__ns:=/cam_beam", *words],

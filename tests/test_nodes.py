@@ -36,7 +36,7 @@ def closed_loop(domain: int, model: Path, policy: Path, steps: int) -> tuple[lis
         measurements, commands = bench.listen("joint_states"), bench.listen("joint_command")
         bench.start(ReferenceNode, lockstep=True)
         bench.start(EstimatorNode, model=str(model), lockstep=True, latency=0.0)
-        network = {"policy": "network", "policy_path": str(policy)}
+        network = {"policy": "network", "policy_path": str(policy), "certificate": "ignore"}
         bench.start(ControllerNode, model=str(model), lockstep=True, latency=0.0, **network)
         bench.start(PlantNode, lockstep=True, wait_for_readers=3, seed=5)
         bench.until(lambda: len(measurements) >= steps and len(commands) >= steps)

@@ -288,6 +288,7 @@ def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: P
         model=model_folder,
         policy_path=policy_folder,
         policy="network",
+        parameters={"controller": {"certificate": "ignore"}},
         lockstep=True,
         domain=domain,
         progress=interrupt,
@@ -300,6 +301,7 @@ def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: P
 def test_no_node_outlives_its_session(domain: int, model_folder: Path, policy_folder: Path) -> None:
     """However that ends: here it is killed."""
     given = f"model={str(model_folder)!r}, policy_path={str(policy_folder)!r}, policy='network', reference='constant'"
+    given += ", parameters={'controller': {'certificate': 'ignore'}}"
     code = f"Run({given}, domain={domain}, progress=lambda seconds, duration: print('on', flush=True)).go()"
     command = [sys.executable, "-c", f"from hybrid_sysid_ros.runtime.run import Run; {code}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:

@@ -39,7 +39,7 @@ def test_a_recorded_bag_is_a_record(domain: int, tmp_path: Path, model_folder: P
     recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"))
     bench.start(ReferenceNode, lockstep=True)
     bench.start(EstimatorNode, model=str(model_folder), lockstep=True, latency=0.0)
-    network = {"policy": "network", "policy_path": str(policy_folder)}
+    network = {"policy": "network", "policy_path": str(policy_folder), "certificate": "ignore"}
     bench.start(ControllerNode, model=str(model_folder), lockstep=True, latency=0.0, **network)
     plant = bench.start(PlantNode, lockstep=True, wait_for_readers=3, duration=1.0)
     bench.until(plant.finished.done)

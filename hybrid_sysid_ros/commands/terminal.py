@@ -59,6 +59,11 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is th
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Driver = Literal["supervised", "network", "exact"]
 """What may drive a rig: the choices of the controller's parameter policy."""
+Workers = Annotated[int, typer.Option("--workers", help="Number of processes; 0: one on each processor.", min=0)]
+ClusterAddress = Annotated[
+    str,
+    typer.Option("--cluster", help="Address of a Dask scheduler, such as tcp://host:8786; local starts one."),
+]
 Seed = Annotated[int, typer.Option("--seed", help="Random seed.", min=0)]
 InputHandlingOption = Annotated[
     InputHandling,

@@ -151,6 +151,13 @@ def name_of(value: object, argument: str) -> str:
     return value
 
 
+def text_of(value: object, argument: str) -> str:
+    """A text, which may be empty."""
+    if not isinstance(value, str):
+        raise UserError(f"{argument} is {shown(value)}; give a text")
+    return value
+
+
 def seed_of(value: object) -> int:
     """A seed of random numbers."""
     return whole_of(value, "seed", low=0, high=LARGEST_SEED)

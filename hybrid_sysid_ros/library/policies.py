@@ -89,6 +89,7 @@ def train_policy(
     follow: Mapping[str, float] | None = None,
     seed: int = 0,
     workers: int = 0,
+    cluster: str = "",
     samples: str | Path | None = None,
     progress: StageProgress | None = None,
 ) -> Policy:
@@ -97,8 +98,8 @@ def train_policy(
     episodes: closed loops of each round. rounds: from the second one on the policy drives (DAgger). epochs: of the last
     round. hidden: widths of the tanh layers. plan: answer with the whole plan, which can be checked and certified.
     follow: parameters of the model that the policy adapts to, each with its spread. seed: of everything random.
-    workers: processes, 0 for one per core. samples: folder that keeps finished loops, so that a training that was
-    interrupted goes on. progress(stage, done, of).
+    workers: processes, 0 for one per core. cluster: address of a Dask scheduler in their place, or local. samples:
+    folder that keeps finished loops, so that a training that was interrupted goes on. progress(stage, done, of).
 
     The defaults take an hour on a few cores. Raises UserError where torch is missing, or a number is out of range.
     """
@@ -109,6 +110,7 @@ def train_policy(
         epochs=arguments.whole_of(epochs, "epochs", low=1, high=MOST),
         hidden=_widths(hidden),
         workers=arguments.whole_of(workers, "workers", low=0, high=MOST),
+        cluster=arguments.text_of(cluster, "cluster"),
         sequence=arguments.flag_of(plan, "plan"),
         followed=arguments.given_options(follow, "follow"),
     )
@@ -146,6 +148,7 @@ def certify(
     delta: float = DELTA,
     seed: int = 0,
     workers: int = 0,
+    cluster: str = "",
     store: str | Path | None = None,
     progress: StageProgress | None = None,
 ) -> Certificate:
@@ -154,8 +157,8 @@ def certify(
     model: that the policy imitates, by default its own. loops: independent ones. seconds: of a loop, by default as the
     rig's file says. delta: probability with which one of its bounds may be
     wrong. seed: of everything random. workers: processes,
-    0 for one per core. store: folder that keeps finished loops, so that a certification that was interrupted goes on.
-    progress(stage, done, of).
+    0 for one per core. cluster: address of a Dask scheduler in their place, or local. store: folder that keeps finished
+    loops, so that a certification that was interrupted goes on. progress(stage, done, of).
 
     ``certificate.save(folder)`` puts it beside its policy. Raises UserError where policy and model do not fit.
     """
@@ -176,6 +179,7 @@ def certify(
         "loops": arguments.whole_of(loops, "loops", low=1, high=MOST),
         "delta": arguments.number_of(delta, "delta", low=0.0, high=0.999, above=True),
         "workers": arguments.whole_of(workers, "workers", low=0, high=MOST),
+        "cluster": arguments.text_of(cluster, "cluster"),
         "store": None if store is None else path_of(store, "store"),
         "progress": arguments.callable_of(progress, "progress", "stage, done, of"),
     }

@@ -12,6 +12,7 @@ from typing import Any
 from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.safety.certificate import doubt as certificate_doubt
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
@@ -38,6 +39,8 @@ class ConfiguredController:
     problem: ControlProblem
     network: Policy | None = None
     supervisor: Supervisor | None = None
+    doubt: str = ""
+    """What the certificate of its network leaves in doubt."""
 
 
 def policy_folder(rig: Rig, settings: Mapping[str, Any]) -> Path | None:
@@ -79,10 +82,10 @@ def controller_of(
         raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
     if network is None:
         network = policy.load(path, model=model)
-    _look_at(network, path, asked, settings, warn)
+    doubt = _look_at(network, path, asked, settings, warn)
     if settings["policy"] == "network":
         return ConfiguredController(
-            controller=wrap_for_rig(rig, system, network), problem=network.problem, network=network
+            controller=wrap_for_rig(rig, system, network), problem=network.problem, network=network, doubt=doubt
         )
     tolerances = check_tolerances(settings, rig, network.problem)
     supervisor = Supervisor(network, _exact(system, network.problem, settings), tolerances)
@@ -91,6 +94,7 @@ def controller_of(
         problem=network.problem,
         network=network,
         supervisor=supervisor,
+        doubt=doubt,
     )
 
 
@@ -113,21 +117,20 @@ def _interior_point(system: System, problem: ControlProblem, settings: Mapping[s
     return made
 
 
-def _look_at(network: Policy, path: Path, asked: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> None:
-    """Say what a user should know about a network; refuse one that is not certified where that is required."""
-    doubt = ""
-    if network.certificate is None:
-        doubt = f"{path}: has no certificate: hybrid-sysid policy certify {path} makes one"
-    else:
-        driver, least = settings["policy"], settings["certificate_rate"]
-        mu = network.certificate.mu(driver)
-        if mu < least:
-            doubt = f"{path}: its certificate says mu {mu:.4f} of {driver}, less than certificate_rate {least:g}"
-    if doubt and settings["certificate"] == "require":
-        raise UserError(doubt)
-    if doubt:
-        warn(doubt)
+def _look_at(network: Policy, path: Path, asked: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> str:
+    """Say what a user should know about a network; what its certificate leaves in doubt, in words.
+
+    A network alone needs a certificate that is good enough; a supervised one, which the exact MPC stands behind, needs
+    it where that is required. Raises UserError where it has none.
+    """
+    driver, asks = settings["policy"], settings["certificate"]
+    found = "" if asks == "ignore" else certificate_doubt(network.certificate, driver, settings["certificate_rate"])
+    if found and (asks == "require" or driver == "network"):
+        raise UserError(f"{path}: {found}; certificate:=ignore uses it all the same")
+    if found:
+        warn(f"{path}: {found}")
     made = network.problem
     names = [item.name for item in fields(ControlProblem) if getattr(asked, item.name) != getattr(made, item.name)]
     if names:
         warn(f"{path}: was trained with other values of {', '.join(names)} than the parameters say, and keeps them")
+    return found

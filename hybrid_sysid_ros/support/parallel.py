@@ -260,18 +260,26 @@ def run(
     pieces: Sequence[Item],
     *,
     workers: int = 0,
+    cluster: str = "",
     store: Store[Result] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Result]:
     """What ``work`` gives for each piece, in their order.
 
-    workers: see :func:`count`. store: where finished pieces are kept, so that an interrupted run goes on. progress:
-    gets how many pieces are done, and of how many. After Ctrl-C no more work is handed out; what is under way is still
-    kept. Raises UserError where a piece loses its processes again and again.
+    workers: see :func:`count`. cluster: see :class:`~.cluster.Cluster`, in place of processes. store: where finished
+    pieces are kept, so that an interrupted run goes on. progress: gets how many pieces are done, and of how many. After
+    Ctrl-C no more work is handed out; what is under way is still kept. Raises UserError where a piece loses its
+    processes again and again.
     """
     found: dict[int, Result] = {}
     jobs = min(count(workers), max(len(pieces), 1))
-    crew: Workers[tuple[int, Item], Result] = workers_for(partial(_numbered, work), jobs=jobs)
+    crew: Workers[tuple[int, Item], Result]
+    if cluster:
+        from hybrid_sysid_ros.support.cluster import Cluster
+
+        crew = Cluster(partial(_numbered, work), cluster, jobs=jobs)
+    else:
+        crew = workers_for(partial(_numbered, work), jobs=jobs)
     with crew:
         for (number, _), result, _ in resumed(
             crew, list(enumerate(pieces)), store=store, key=lambda item: item[1], finish=True

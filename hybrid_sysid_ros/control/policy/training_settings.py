@@ -19,7 +19,8 @@ WIDEST, DEEPEST = 4096, 8
 class Settings:
     """episodes: number of closed loops in each round; the MPC drives the first round, the policy so far later ones
     (DAgger). hidden: widths of the tanh layers. epochs, batch, rate: settings of SOAP, whose rate falls along a cosine;
-    earlier rounds train for a third of the epochs. workers: processes that sample, 0 for one per core.
+    earlier rounds train for a third of the epochs. workers: processes that sample, 0 for one per core. cluster:
+    address of a Dask scheduler in their place, or local.
 
     levelling: samples are weighted by the mean stage cost of their loop to the power of -levelling. At 0 an error
     counts equally everywhere, at 1 relative to its loop's cost, which neglects loops with large motion.
@@ -35,6 +36,7 @@ class Settings:
     batch: int = 512
     rate: float = 3e-3
     workers: int = 0
+    cluster: str = ""
     sequence: bool = True
     levelling: float = 0.3
     plan_weight: float = 0.3

@@ -197,6 +197,19 @@ class Certificate:
         storage.save_sheet(folder / FILE, version=FORMAT, content=content)
 
 
+def doubt(certificate: Certificate | None, driver: str, least: float) -> str:
+    """What speaks against a driver (network, supervised) of a policy, in words; nothing where its headline is high
+    enough.
+    """
+    if certificate is None:
+        return "has no certificate (hybrid-sysid policy certify makes one)"
+    mu = certificate.mu(driver)
+    if mu >= least:
+        return ""
+    worst = certificate.worst_stratum(driver)
+    return f"its certificate says {rounded_down(mu)} of {driver} in {worst}, less than certificate_rate {least:g}"
+
+
 def rounded_down(bound: float) -> str:
     """A bound of four digits that is not above the bound."""
     return f"{math.floor(1e4 * bound) / 1e4:.4f}"

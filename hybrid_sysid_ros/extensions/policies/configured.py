@@ -64,7 +64,7 @@ def train_configured_policy(
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
     settings = settings or Settings()
     spread = configuration.spread_of(rig, model.system)
-    purpose = f"{model.seal} {problem} {spread} {settings}"
+    purpose = f"{model.seal} {problem} {spread} {replace(settings, workers=0, cluster='')}"
     store: Store[Any] | None = Store(samples, purpose) if samples is not None else None
     trained: Policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
     if store is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -38,19 +39,22 @@ def certify(
     delta: float = DELTA,
     before: Certificate | None = None,
     workers: int = 0,
+    cluster: str = "",
     store: Path | None = None,
     progress: StageProgress | None = None,
 ) -> Certificate:
     """Run the loops and count.
 
     before: the policy's certificate so far, whose other seeds count as well.
-    workers: processes, 0 for one per core. store: folder where finished loops are kept until the end, so that an
-    interrupted trial goes on; more loops go on from fewer. Raises UserError for a number of loops or a delta
-    that says nothing.
+    workers: processes, 0 for one per core. cluster: address of a Dask scheduler in their place, or local. store: folder
+    where finished loops are kept until the end, so that an interrupted certification goes on; more loops go on from
+    fewer. Raises UserError for a number of loops or a delta that says nothing, and where the counts of the certificate
+    so far are of other loops.
     """
     if not 0.0 < delta < 1.0 or loops < 1:
         raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
     Drivers(trial)  # or say why not
+    stated, others = _stated(trial), _others(trial, before)
     began, report = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
     kept: Store[NamedArrays] | None = Store(store, _purpose(trial)) if store is not None else None
@@ -59,6 +63,7 @@ def certify(
         partial(measured, trial),
         pieces,
         workers=workers,
+        cluster=cluster,
         store=kept,
         progress=lambda done, _: report("closed loops", min(done * CHUNK, loops), loops),
     )
@@ -82,47 +87,42 @@ def certify(
         made={"seconds": round(time.perf_counter() - began, 1), "versions": versions()},
     )
     worst = list(_worst(trial.seed, measures))
-    certificate = pooled(trial, before, entry, worst, delta)
+    certificate = Certificate(
+        policy=trial.seal,
+        model=trial.policy.model,
+        delta=delta,
+        **stated,
+        ledger=[*others, entry],
+        worst=_largest([*[case for case in before.worst if case["seed"] != trial.seed], *worst] if before else worst),
+    )
     if kept is not None:
         kept.remove()
     return certificate
 
 
-def pooled(
-    trial: Trial,
-    before: Certificate | None,
-    entry: SeedCounts,
-    worst: Sequence[Mapping[str, Any]],
-    delta: float,
-) -> Certificate:
-    """The certificate of all seeds that were tried: those of an earlier certificate, and this one.
+def _stated(trial: Trial) -> dict[str, dict[str, Any]]:
+    """Distribution and criteria, as a certificate states them."""
+    mixture = {"strata": STRATA, "periods": trial.periods, **asdict(trial.mixture)}
+    criteria = {**asdict(trial.criteria), "check": trial.tolerances._asdict(), "kkt_tolerance": KKT_TOLERANCE}
+    return {"distribution": plain(mixture), "criteria": plain(criteria)}
 
-    Raises UserError where the earlier one is of another distribution or other criteria.
-    """
-    distribution = plain({"strata": STRATA, "periods": trial.periods, **asdict(trial.mixture)})
-    tolerances = trial.tolerances._asdict()
-    criteria = plain({**asdict(trial.criteria), "check": tolerances, "kkt_tolerance": KKT_TOLERANCE})
-    ledger: list[SeedCounts] = []
-    if before is not None:
-        for name, now in (("distribution", distribution), ("criteria", criteria)):
-            if getattr(before, name) != now:
-                raise UserError(f"its certificate is of another {name}: counts can't be pooled; remove it first")
-        ledger = [item for item in before.ledger if item.seed != entry.seed]
-        worst = [*[case for case in before.worst if case["seed"] != entry.seed], *worst]
-    return Certificate(
-        policy=trial.seal,
-        model=trial.policy.model,
-        delta=delta,
-        distribution=distribution,
-        criteria=criteria,
-        ledger=[*ledger, entry],
-        worst=_largest(worst),
-    )
+
+def _others(trial: Trial, before: Certificate | None) -> list[SeedCounts]:
+    """What other seeds counted. Raises UserError where that was of another distribution or by other criteria."""
+    if before is None:
+        return []
+    for name, now in _stated(trial).items():
+        if getattr(before, name) != now:
+            raise UserError(f"the certificate is of another {name}, with which counts can't be pooled; remove it first")
+    return [entry for entry in before.ledger if entry.seed != trial.seed]
 
 
 def _largest(cases: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Of each driver and criterion the worst cases."""
-    sizes = {"input": lambda case: case["input_error"], "cost": lambda case: case["cost"] / case["exact_cost"]}
+    sizes = {
+        "input": lambda case: case["input_error"],
+        "cost": lambda case: case["cost"] / (case["exact_cost"] or math.inf),
+    }
     found = []
     for driver in JUDGED:
         for criterion, size in sizes.items():
@@ -141,7 +141,7 @@ def _worst(seed: int, measures: Array) -> Iterator[dict[str, Any]]:
     """The loops with the largest errors of the input and of the cost."""
     for name, driver in JUDGED.items():
         rows = measures[:, driver]
-        ratio = rows[:, COST] / measures[:, EXACT, COST]
+        ratio = rows[:, COST] / np.maximum(measures[:, EXACT, COST], np.finfo(float).tiny)
         for criterion, values in (("input", rows[:, ERROR]), ("cost", ratio)):
             for loop in np.argsort(-values, kind="stable")[:WORST].tolist():
                 yield {

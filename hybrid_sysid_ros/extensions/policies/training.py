@@ -77,7 +77,9 @@ def train(
             work = partial(sampled, model.system, problem, spread, driver=policy, followed=settings.followed)
             seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
             report = partial(progress, f"round {number + 1}: closed loops of the exact MPC")
-            new = parallel.run(work, seeds, workers=settings.workers, store=store, progress=report)
+            new = parallel.run(
+                work, seeds, workers=settings.workers, cluster=settings.cluster, store=store, progress=report
+            )
             sampling += time.perf_counter() - started
             validation = max(1, round(VALIDATION_SHARE * episodes))
             held += new[:validation]

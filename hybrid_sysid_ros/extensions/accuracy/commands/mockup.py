@@ -15,7 +15,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import RigPlace, Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import ClusterAddress, RigPlace, Seed, console, print_table, status
 from hybrid_sysid_ros.extensions.accuracy.mockup import Found, Setup, mockup
 from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, batches
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
@@ -52,9 +52,7 @@ def command(
     ] = 0.3,
     seed: Seed = 0,
     jobs: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
-    cluster: Annotated[
-        str, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786; local starts one.")
-    ] = "",
+    cluster: ClusterAddress = "",
 ) -> None:
     """Go through a rig's performance digital mock-up: simulate what is known beforehand, drive experiments, identify a
     gray box and the rig's structure, fire shots of the model and of the rig and compare them, close the loop on

@@ -9,7 +9,16 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Driver, OwnRig, Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import (
+    ClusterAddress,
+    Driver,
+    OwnRig,
+    Seed,
+    Workers,
+    console,
+    print_table,
+    status,
+)
 from hybrid_sysid_ros.control.safety.certificate import (
     DELTA,
     FILE,
@@ -43,7 +52,8 @@ def command(
     seed: Seed = 0,
     seconds: Annotated[float | None, typer.Option(help="Length of a loop [s].", min=0.02, max=8.0)] = None,
     delta: Annotated[float, typer.Option(help="Probability with which one of all bounds may be wrong.")] = DELTA,
-    workers: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
+    workers: Workers = 0,
+    cluster: ClusterAddress = "",
     again: Annotated[
         int | None,
         typer.Option("--again", help="Number of a loop to run again and print; nothing is written.", min=0),
@@ -77,7 +87,14 @@ def command(
                 update(stage, done, of)
 
             certificate = certify(
-                trial, loops=loops, delta=delta, before=before, workers=workers, store=store, progress=progress
+                trial,
+                loops=loops,
+                delta=delta,
+                before=before,
+                workers=workers,
+                cluster=cluster,
+                store=store,
+                progress=progress,
             )
     except KeyboardInterrupt:
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None

@@ -175,6 +175,12 @@ def test_an_interrupted_certification_goes_on(broken, tmp_path):
     assert (found.failed, found.worst) == (whole.failed, whole.worst)
 
 
+def test_a_cluster_counts_what_processes_count(broken):
+    pytest.importorskip("distributed")
+    here, there = (certify(trial_of(broken), loops=40, workers=1, cluster=cluster) for cluster in ("", "local"))
+    assert (here.failed, here.worst) == (there.failed, there.worst)
+
+
 def test_loops_of_another_seed_are_not_taken_for_these(broken, tmp_path):
     store = tmp_path / "half"
 
