@@ -74,12 +74,14 @@ Period = Annotated[float, typer.Option(help="Time between fitted samples [s].")]
 
 
 def print_table(table: Table) -> None:
-    """Print a table at its own width below its title: a narrower terminal breaks their lines, but nothing is cut."""
-    whole = Console(width=WIDEST, **PLAIN)
+    """Print a table below its title, its cells folded to the width of a terminal; elsewhere at its own width."""
+    shown = Console(width=None if console.is_terminal else WIDEST, **PLAIN)
+    for column in table.columns:
+        column.overflow = "fold"  # nothing is cut
     if table.title:
-        whole.print(table.title, style="table.title")
+        shown.print(table.title, style="table.title")
         table.title = None
-    whole.print(table)
+    shown.print(table)
 
 
 def end(problems: Sequence[str]) -> None:
