@@ -13,15 +13,25 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.safety.failsafe import LoopState
+from hybrid_sysid_ros.control.safety.guard import Guard
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import METHODS, StateEstimate
+from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
+from hybrid_sysid_ros.estimation.sensor_monitor import FrozenSensorDetector, SensorMonitor, spare_sensors
 from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.nodes.base import ModelSource
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
-from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates
 from hybrid_sysid_ros.nodes.signal_layout import AHEAD, SignalLayout, SignalPlace, Slots
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_model, estimator_tuning, shipped
+from hybrid_sysid_ros.runtime.configuration import (
+    CAMERA,
+    estimator_model,
+    estimator_tuning,
+    guard_settings,
+    shipped,
+)
 from hybrid_sysid_ros.runtime.controllers import controller_of, policy_folder
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -30,6 +40,12 @@ SLACK = 0.05  # of its range, by which an input may be beyond its limits to be a
 WINDOW = 10.0  # s of innovations whose mean square is reported
 Measured = tuple[float, list[float]]
 """Time [s], and the outputs and applied inputs that were measured then."""
+DIVERGED = 1.5
+"""Evidence that an estimated input disturbance gives which is at its limit."""
+ASTRAY = 0.3
+"""Time [s] of evidence against an estimate after which it begins anew from the next measurement: it has gone astray,
+and the way back may be long."""
+LONGEST = 0.05  # s, that one measurement counts as evidence, however long ago the last one was
 WARM_UPS = 6  # answers of a controller before it drives
 COMPILING = 1.0  # s, from which on an answer of it has compiled something
 
@@ -61,7 +77,14 @@ class EstimatorAdapter:
         self.camera = Slots([layout.outputs[0].ending(f"_{CAMERA}")])
         self.given = np.zeros(len(self.measured))
         self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
+        self.shown = np.zeros(len(layout.outputs))
+        """The outputs as they were given; those of sensors that are left out are NaN in ``outputs`` (p,)."""
         self.tuning = estimator_tuning(settings, rig, system)
+        self._limits = 0.999 * np.array(self.tuning.checked(system).disturbance_limit)
+        self._limits[~(self._limits > 0.0) | (not settings["doubt_disturbance"])] = math.inf
+        self._spare = spare_sensors(system, self.tuning, step=system.sampling_time or LONGEST_STEP)
+        self._deviations = np.hypot(self.tuning.measurement_noise, self.tuning.hum_amplitude).tolist()
+        self._white = [abs(sensor.scale) * sensor.white_noise * sensor.noisy for sensor in rig.sensors]
         self._further = layout.further
         self._settings = settings
         self._writer = JointWriter(Slots(layout.estimate(tuple(self.tuning.followed))), signature)
@@ -77,6 +100,17 @@ class EstimatorAdapter:
         self.filter = kind(self.system, self.tuning, period=period, latency=settings["latency"])
         self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
         self.parameters: Mapping[str, float] = {}
+        self.monitor = SensorMonitor(
+            self._spare,
+            self._deviations,
+            largest=settings["innovation_limit"],
+            least=settings["innovation_least"],
+            leave_after=settings["leave_out_after"],
+            timeout=settings["sensor_timeout"],
+        )
+        after = round(settings["frozen_after"] * settings["rate"])
+        self.frozen = [FrozenSensorDetector(noise, after=after) for noise in self._white]
+        self._last, self._doubted, self.diverged = math.nan, 0.0, False
 
     def see(self, measured: Sequence[Measured]) -> None:
         """Take measurements that another adapter has answered, to go on where that one is."""
@@ -87,17 +121,46 @@ class EstimatorAdapter:
 
     def update(self, time: float) -> StateEstimate:
         """Estimate with what was given at a time [s]. Raises UserError where there is nothing to hold on to yet."""
-        return self.filter.update(time, self.outputs, self.applied)
+        for k, detector in enumerate(self.frozen):
+            if detector.is_frozen(float(self.outputs[k])):
+                self.outputs[k] = math.nan
+        self.shown[:] = self.outputs
+        self.monitor.screen(self.outputs)
+        estimate = self.filter.update(time, self.outputs, self.applied)
+        elapsed, self._last = time - self._last, time
+        if elapsed > 0.0:
+            self._judge(estimate, min(elapsed, LONGEST))
+        return estimate
+
+    def _judge(self, estimate: StateEstimate, elapsed: float) -> None:
+        """Look for evidence against an estimate; begin anew where it has been there for too long."""
+        expected = self._expected(estimate) if any(self.monitor.left_out) else None
+        self.monitor.judge(self.shown, estimate.normalised, expected, elapsed)
+        self.diverged = bool((np.abs(estimate.disturbance) >= self._limits).any())
+        self._doubted = self._doubted + elapsed if self.doubt > 1.0 else 0.0
+        if self._doubted > ASTRAY:
+            self._doubted = 0.0
+            self.filter.reset()
+            self.monitor.renew()
+
+    def _expected(self, estimate: StateEstimate) -> Array:
+        """What the sensors should show (p,)."""
+        return output_of(self.system, estimate.state, self.applied + estimate.disturbance)
+
+    @property
+    def doubt(self) -> float:
+        """The strongest evidence against the estimate, as a multiple of its threshold."""
+        return max(self.monitor.doubt, DIVERGED if self.diverged else 0.0)
 
     def pack(self, estimate: StateEstimate, stamp: int, *, blind: bool) -> bytes:
         """The message of an estimate with its stamp [ns]; blind: it is a guess, on which nobody should act."""
         state, ahead, disturbance = estimate.state.tolist(), estimate.ahead.tolist(), estimate.disturbance.tolist()
         further: list[float] = []
         if self._further:
-            outputs = output_of(self.system, estimate.state, self.applied + estimate.disturbance)
-            further = outputs[self._further].tolist()
+            further = self._expected(estimate)[self._further].tolist()
+        validity = [*self.applied.tolist(), self.doubt, float(self.monitor.without)]
         parameters = estimate.parameters.tolist()
-        numbers = [*state, *further, *disturbance, *ahead, *disturbance, *parameters]
+        numbers = [*state, *further, *disturbance, *ahead, *disturbance, *validity, *parameters]
         return self._writer.pack(stamp, [math.nan] * len(numbers) if blind else numbers)
 
     def note(self, estimate: StateEstimate) -> None:
@@ -105,23 +168,6 @@ class EstimatorAdapter:
         if math.isfinite(estimate.normalised_innovation):
             self.innovations.append(estimate.normalised_innovation)
         self.parameters = dict(zip(self.tuning.followed, estimate.parameters, strict=True))
-
-
-class FrozenSensorDetector:
-    """Detects a sensor that shows exactly the same number for too long, although it has noise."""
-
-    def __init__(self, *, after: int) -> None:
-        self.count = 0
-        """Readings that were found frozen."""
-        self._after, self._repeats, self._last = after, 0, math.nan
-
-    def is_frozen(self, reading: float) -> bool:
-        """Whether this reading and those before it are the same for too long."""
-        self._repeats = self._repeats + 1 if reading == self._last else 0
-        self._last = reading
-        found = 0 < self._after <= self._repeats
-        self.count += found
-        return found
 
 
 class ControllerAdapter:
@@ -161,6 +207,9 @@ class ControllerAdapter:
         self.plans = TrajectoryWriter(Slots([*layout.states, *layout.inputs]), self.grid.tolist(), signature)
         self.writer = JointWriter(Slots(layout.inputs), signature)
         self.rest = np.array([actuator.rest for actuator in rig.actuators])
+        self.times = self.grid / SECOND
+        self.validity = Slots(layout.validity)
+        self.guard = Guard(guard_settings(settings, rig, model.system))
         self._span = np.array([actuator.high - actuator.low for actuator in rig.actuators])
         self._warm_up(self.rest)
 
@@ -183,8 +232,14 @@ class ControllerAdapter:
     def begin(self) -> None:
         """Begin a new experiment."""
         self.controller.reset()
+        self.guard.begin()
         if self.supervisor is not None:
             self.supervisor.reasons.clear()
+
+    def judge(self, joints: JointStates, elapsed: float) -> LoopState:
+        """The level that the guard allows after an estimate, ``elapsed`` [s] after the one before."""
+        *applied, doubt, without = self.validity.read(joints.names, joints.lists)
+        return self.guard.judge(doubt, without, np.array(applied), self.state, elapsed)
 
     def at_rest(self) -> Array:
         """Inputs at rest (m,), or what a stabiliser answers the newest state with: an unstable rig is lost without."""

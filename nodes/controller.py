@@ -6,23 +6,24 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from enum import Enum
 from functools import partial
 from threading import get_ident
 from time import monotonic_ns, perf_counter, sleep
 from typing import Any
 
 import numpy as np
-from rclpy.publisher import Publisher
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool
 
 from hybrid_sysid_ros.control import MpcSolution
+from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS
 from hybrid_sysid_ros.nodes.adapters import ControllerAdapter
 from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.diagnostics import OK, Task, doubted, named_counts
+from hybrid_sysid_ros.nodes.command_output import CommandOutput
+from hybrid_sysid_ros.nodes.controller_health import HELD, NO_REFERENCE, RESTED, STOPPED, ZEROED, loop_tasks, unready
+from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
+from hybrid_sysid_ros.nodes.operation import ControllerMode, Operation
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.timing import Timing
@@ -33,24 +34,12 @@ from hybrid_sysid_ros.support.errors import UserError
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
 TIMES = {"stale_after", "zero_after", "stop_seconds", "warn_share", "error_share", "stale_seconds"}  # not the adapter's
-NO_REFERENCE, HELD, ZEROED, STOPPED = "no reference", "held", "zeroed", "stopped"
-"""Layers of safety, beside those of the controller."""
-SOUND = {"solved", "iterated", "policy"}
 STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_after, no longer
 REFERENCE_PATIENCE = 3 * SECOND  # that a controller waits for somebody who gives references
-
-OF_PROBLEM = {
+OF_PROBLEM = {  # parameters that a network was trained with
     *("output_weight", "rate_weight", "input_weight", "rate_limit", "input_low", "input_high"),
     *("state_low", "state_high", "soft_linear", "soft_quadratic"),
-}  # parameters that a network was trained with
-
-
-class ControllerMode(Enum):
-    """What the services have asked for last."""
-
-    DRIVE = "driving"
-    HOLD = "holding the outputs"
-    STOP = "stopped"
+}
 
 
 class ControllerNode(RigNode):
@@ -64,17 +53,22 @@ class ControllerNode(RigNode):
     Before the first reference the outputs are held where they were found; in lockstep an estimate waits for a
     reference that covers its preview. The node advertises joint_command once a publisher of estimates is there.
 
+    Before that the guard judges estimate, actuators and state, and slows the loop down, holds or rests it. Coming
+    back, the reference begins where the rig is.
+
     Services: stop brings the inputs to rest within stop_seconds and leaves them there, hold holds the outputs where
-    they are, enable drives again, reset begins a new experiment. Other parameters make another controller while the
-    loop runs. The state is read by name from the entries NAME_ahead, whatever else there is and in whatever order.
+    they are, enable drives again, reset begins a new experiment, arm lets a loop move whose checks pass, disarm takes
+    that back, estop, or true on the topic estop, rests it at once until it is reset and armed. Other parameters make
+    another controller while the loop runs. The state is read by name from the entries NAME_ahead.
     """
 
     NAME = "controller"
     PUBLISHES = ("joint_command", "effort_command", "predicted_trajectory")
-    SUBSCRIBES = ("state_estimate", "reference")
+    SUBSCRIBES = ("state_estimate", "reference", "estop")
 
     def configure(self) -> None:
         self.lockstep: bool = self.settings["lockstep"]
+        self.operation = Operation(armed=self.settings["armed"])
         self.use(self.adapter_of(self.settings))
 
     def adapter_of(self, settings: Mapping[str, Any]) -> ControllerAdapter:
@@ -100,14 +94,14 @@ class ControllerNode(RigNode):
         self.statuses: Counter[str] = Counter()
         self.clipped = self.ended = self.repeated = 0
         self.execution, self.age = Timing(), Timing()
-        self.mode = ControllerMode.DRIVE
+        self.output = CommandOutput(self.open("effort_command"), self.open("predicted_trajectory"))
+        self.operation.mode = ControllerMode.DRIVE
+        self.loop_state, self.times = LoopState.DRIVING, Counter[LoopState]()
         self.forget()
-        self.commands: Publisher | None = None
-        self.predictions, self.efforts = self.open("predicted_trajectory"), self.open("effort_command")
-        self.numbers, self.numbered = Float64MultiArray(), False
         self.entry, self.wishes = self.validator("state_estimate"), self.validator("reference")
         needed = [self.listen(self.entry, "state_estimate", self.on_estimate)]
         references = self.listen(self.wishes, "reference", self.on_reference)
+        self.listen(self.validator("estop"), "estop", self.on_estop)
         if self.lockstep:
             needed.append(references)
         patience = 0 if self.lockstep else monotonic_ns() + REFERENCE_PATIENCE  # the first step of a run is a step, too
@@ -122,36 +116,58 @@ class ControllerNode(RigNode):
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
         modes = {"enable": ControllerMode.DRIVE, "hold": ControllerMode.HOLD, "stop": ControllerMode.STOP}
-        return {**{name: partial(self.turn_to, mode) for name, mode in modes.items()}, "reset": self.forget}
+        return {
+            **{name: partial(self.turn_to, mode) for name, mode in modes.items()},
+            "reset": self.reset,
+            "arm": lambda: self.operation.arm(unready(self)),
+            "disarm": lambda: self.operation.disarm(),
+            "estop": partial(self.emergency_stop, "the service estop"),
+        }
 
     def forget(self) -> None:
         """Begin a new experiment."""
         self.adapter.begin()
         self.stamp = self.sound = self.shown = self.answered = self.acted = 0
-        self.settled = False
+        self.settled, self.returning = False, not self.operation.armed
         self.home = np.zeros(len(self.adapter.outputs))
         self.input = self.adapter.rest.copy()
         self.preview: Preview | None = None
         self.waiting: JointStates | None = None
-        self.command: bytes | None = None
-        """The newest; none before the first answer."""
+        self.output.command = None
+
+    def reset(self) -> None:
+        """Begin a new experiment, and unlatch an emergency stop."""
+        self.operation.reset()
+        self.forget()
 
     def turn_to(self, mode: ControllerMode) -> None:
         """Drive, hold the outputs where they are now, or bring the inputs to rest and leave them there."""
-        if self.mode is ControllerMode.STOP:
-            self.adapter.controller.reset()
-        self.mode, self.settled = mode, False
+        before = self.operation.mode
+        self.operation.turn_to(mode)
+        if before is ControllerMode.HOLD and mode is ControllerMode.DRIVE and self.settled:
+            self.adapter.guard.governor.begin(self.home)
+        self.settled = self.settled and mode is ControllerMode.DRIVE
+
+    def on_estop(self, message: Bool) -> None:
+        """Stop at once if the message says so; a false one ends nothing."""
+        if message.data:
+            self.emergency_stop("the topic estop")
+
+    def emergency_stop(self, why: str) -> None:
+        """Rest at once and stay there."""
+        self.operation.emergency_stop(why)
+        self.send(self.adapter.at_rest(), limited=False)
 
     def wind_down(self) -> None:
         """Stop, and give the inputs the time to come to rest."""
-        self.mode = ControllerMode.STOP
+        self.operation.turn_to(ControllerMode.STOP)
         end = perf_counter() + self.settings["stop_seconds"] + WATCH_PERIOD
         while self.thread not in (None, get_ident()) and self.moves() and perf_counter() < end:
             sleep(WATCH_PERIOD / 10)
 
     def advertise(self) -> None:
         """Open the topic of the commands."""
-        self.commands = self.open("joint_command")
+        self.output.commands = self.open("joint_command")
 
     def on_reference(self, message: TrajectoryMessage) -> None:
         """Keep the newest reference."""
@@ -176,7 +192,7 @@ class ControllerNode(RigNode):
             return
         if order is StampOrder.DUPLICATE or order is StampOrder.LATE:
             self.repeated += 1
-            self.publish()
+            self.output.repeat()
             return
         if order is StampOrder.RESTART:
             self.forget()
@@ -193,7 +209,7 @@ class ControllerNode(RigNode):
         plan = self.answer(joints, (now - stamp) / SECOND, began)
         if plan is not None and stamp - self.shown >= SHOW_PERIOD * SECOND:
             self.shown = stamp
-            self.show(plan, stamp + self.adapter.ahead)
+            self.output.show(self.adapter.plans, plan, stamp + self.adapter.ahead)
 
     def wait(self, joints: JointStates, reach: int) -> None:
         """In lockstep: keep an estimate until the reference reaches far enough [ns]."""
@@ -205,53 +221,77 @@ class ControllerNode(RigNode):
 
     def answer(self, joints: JointStates, age: float, began: float) -> MpcSolution | None:
         """Publish the command for an estimate of an age [s]; return the plan behind it, if there is one."""
+        elapsed = (joints.stamp - self.stamp) / SECOND if self.stamp else 0.0
         self.stamp = stamp = joints.stamp
         self.age.add(max(age, 0.0))
-        if self.mode is ControllerMode.STOP:
+        level = self.adapter.judge(joints, elapsed)
+        self.become(self.operation.state(level))
+        if self.loop_state >= LoopState.STOPPED:
             self.stop()
             return None
-        sound = bool(np.isfinite(self.adapter.given).all())
-        sound = sound and self.settle(joints)
-        if not sound or age > self.settings["stale_after"]:
+        if not (np.isfinite(self.adapter.given).all() and self.settle(joints)) or age > self.settings["stale_after"]:
             self.hold()
+            return None
+        if level is LoopState.RESTING:
+            self.rest(RESTED)
             return None
         if self.adapter.followed.names and (parameters := self.entry.read(joints, self.adapter.followed)) is not None:
             self.adapter.adapt(parameters)
-        preview = self.reference(stamp)
+        preview = self.reference(stamp, level, elapsed)
         plan = self.adapter.controller.control(self.adapter.state, self.adapter.disturbance, self.input, preview)
         layer = LAYERS[plan.status]
         self.statuses[plan.status.value] += 1
         if layer not in STANDING_IN:
             self.sound = self.time()
         elif self.is_long():
-            self.layers[ZEROED] += 1
-            self.send(self.adapter.rest)
+            self.rest(ZEROED)
             return None
         self.layers[layer] += 1
+        command = plan.input
+        if level is not LoopState.DRIVING:
+            command = self.adapter.guard.slowed(command, self.adapter.at_rest())
         taken = perf_counter() - began
-        self.send(plan.input)
+        self.send(command)
         self.execution.add(taken)
         self.adapter.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
         self.answered = stamp
         return plan
 
+    def become(self, state: LoopState) -> None:
+        """Count a change of state."""
+        if state is not self.loop_state:
+            self.loop_state = state
+            self.times[state] += 1
+
     def settle(self, joints: JointStates) -> bool:
-        """Remember where the outputs were found first; whether the tracked ones were numbers."""
+        """Remember where the outputs were found first, and let the reference begin there when the loop comes back from
+        rest; whether the tracked outputs were numbers.
+        """
         if not self.settled:
             found = self.entry.read(joints, self.adapter.outputs)
             self.home[:] = math.nan if found is None else found
             self.home[~self.adapter.tracked] = 0.0
             self.settled = bool(np.isfinite(self.home).all())
+            if self.settled and self.returning:
+                self.returning = False
+                self.adapter.controller.reset()
+                self.adapter.guard.governor.begin(self.home)
         return self.settled
 
-    def reference(self, stamp: int) -> Array:
-        """Reference for the preview of an estimate (horizon, outputs)."""
-        if self.mode is not ControllerMode.HOLD and self.preview is None:
+    def reference(self, stamp: int, level: LoopState, elapsed: float) -> Array:
+        """Reference for the preview of an estimate (horizon, outputs), as the guard lets it pass."""
+        holding = self.operation.mode is ControllerMode.HOLD
+        if not holding and self.preview is None:
             self.layers[NO_REFERENCE] += 1
-        if self.mode is ControllerMode.HOLD or self.preview is None:
+        if holding or self.preview is None:
             return np.tile(self.home, (len(self.adapter.grid), 1))
         self.ended += not self.preview.covers(stamp)
-        return self.preview.at(stamp + self.adapter.ahead + self.adapter.grid)
+        ahead = stamp + self.adapter.ahead
+        preview, guard = self.preview.at(ahead + self.adapter.grid), self.adapter.guard
+        if level is LoopState.DRIVING and guard.governor.free:
+            return preview
+        now = self.preview.at(np.array([ahead]))[0]
+        return guard.reference(level, now, preview, self.adapter.times, elapsed)
 
     def time(self) -> int:
         """Time that no clock can set [ns]; in lockstep that of the estimates."""
@@ -263,23 +303,32 @@ class ControllerNode(RigNode):
 
     def hold(self) -> None:
         """Without a sound estimate: the last command, and inputs at rest when that has lasted too long."""
-        long = self.is_long()
-        self.layers[ZEROED if long else HELD] += 1
-        self.send(self.adapter.rest if long else self.input)
+        if self.is_long():
+            self.rest(ZEROED)
+            return
+        self.layers[HELD] += 1
+        self.send(self.input)
+
+    def rest(self, layer: str) -> None:
+        """Inputs at rest; from there the loop comes back gently."""
+        self.layers[layer] += 1
+        self.settled, self.returning = False, True
+        self.become(max(self.loop_state, LoopState.RESTING))
+        self.send(self.adapter.at_rest() if layer == RESTED else self.adapter.rest)
 
     def stop(self) -> None:
-        """Move the inputs nearer to rest, so that they get there within stop_seconds."""
+        """Move the inputs nearer to rest, so that they get there within stop_seconds, or at once in an emergency."""
         now, seconds = self.time(), self.settings["stop_seconds"] * SECOND
-        share = min((now - self.acted) / seconds, 1.0) if seconds else 1.0
+        share = min((now - self.acted) / seconds, 1.0) if seconds and not self.operation.emergency else 1.0
         self.layers[STOPPED] += 1
+        self.settled, self.returning = False, True
         self.send(self.adapter.nearer_rest(self.input, share))
 
     def watch(self) -> None:
         """Let the inputs rest when estimates stop: not every drive has a timeout of its own. See who wants numbers."""
-        self.numbered = self.efforts.get_subscription_count() > 0
+        self.output.look()
         if self.moves() and self.time() - self.acted > self.settings["zero_after"] * SECOND:
-            self.layers[ZEROED] += 1
-            self.send(self.adapter.rest)
+            self.rest(ZEROED)
 
     def moves(self) -> bool:
         """Whether the newest command is not at rest."""
@@ -288,64 +337,18 @@ class ControllerNode(RigNode):
     def deactivate(self) -> None:
         """Leave the inputs at rest."""
         if self.moves():
-            self.send(self.adapter.rest)
+            self.send(self.adapter.rest, limited=False)
 
-    def send(self, inputs: Array) -> None:
-        """Publish a command (m,) that answers the newest estimate."""
-        self.acted = self.time()
-        self.input[:] = inputs
-        self.command = self.adapter.writer.pack(self.stamp, inputs.tolist())
-        self.publish()
-
-    def publish(self) -> None:
-        """Publish the newest command."""
-        if self.command is None:  # asked again for the answer to an estimate that waits
-            return
-        if self.commands is not None:
-            self.commands.publish(self.command)
-        if self.numbered:
-            self.numbers.data = self.input.tolist()
-            self.efforts.publish(self.numbers)
-
-    def show(self, plan: MpcSolution, start: int) -> None:
-        """Publish the predicted trajectory, if someone looks."""
-        if not len(plan.states) or not self.predictions.get_subscription_count():
-            return
-        self.predictions.publish(self.adapter.plans.pack(start, np.hstack([plan.states, plan.inputs]).tolist()))
+    def send(self, inputs: Array, *, limited: bool = True) -> None:
+        """Publish a command (m,) that answers the newest estimate; limited: no faster than the actuators can follow."""
+        now, guard = self.time(), self.adapter.guard
+        self.input[:] = guard.followed(inputs, self.input, (now - self.acted) / SECOND) if limited else inputs
+        self.acted = now
+        guard.commanded(self.input)
+        self.output.publish(self.adapter.writer.pack(self.stamp, self.input.tolist()), self.input)
 
     def health(self) -> Sequence[Task]:
-        layers, statuses = dict(self.layers), dict(self.statuses)
-        answers = sum(count for name, count in layers.items() if name != NO_REFERENCE)
-        loop = {
-            "answers without a reference": layers.get(NO_REFERENCE, 0),
-            "commands held": layers.get(HELD, 0),
-            "commands at rest": layers.get(ZEROED, 0),
-            "answers after the end of the reference": self.ended,
-            "references beyond the travel": self.clipped,
-            **{f"estimates {reason}": count for reason, count in self.dropped("state_estimate").items()},
-            **{f"references {reason}": count for reason, count in self.dropped("reference").items()},
-        }
-        values = {
-            "policy": self.settings["policy"],
-            "commands": answers,
-            **named_counts("layer", layers),
-            "dropped_estimates": sum(self.entry.dropped.values()),
-            "dropped_references": sum(self.wishes.dropped.values()),
-            "clipped_references": self.clipped,
-            "repeated_estimates": self.repeated,
-            **self.execution.report("execution"),
-            **self.age.report("estimate_age"),
-        }
-        judged = self.silent(self.judged("loop", loop, answers, **values), "state_estimate")
-        if not self.stamp and judged.level == OK:
-            judged = replace(judged, message="waiting for estimates")
-        elif self.mode is not ControllerMode.DRIVE and judged.level == OK:
-            judged = replace(judged, message=f"{self.mode.value} until the service enable is called")
-        plans = {f"plans {name}": count for name, count in statuses.items() if name not in SOUND}
-        supervisor = self.adapter.supervisor
-        checked = {} if supervisor is None else named_counts("check", dict(supervisor.reasons))
-        policy = self.judged("policy", plans, answers, **named_counts("status", statuses), **checked)
-        return [judged, doubted(policy, self.adapter.doubt)]
+        return loop_tasks(self)
 
 
 main = partial(run, ControllerNode)

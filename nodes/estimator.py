@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.estimation.consistency import band
-from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, FrozenSensorDetector, Measured, model_of
+from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, Measured, model_of
 from hybrid_sysid_ros.nodes.base import ModelSource, RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates
@@ -51,7 +51,6 @@ class EstimatorNode(RigNode):
     def configure(self) -> None:
         self.use(self.adapter_of(self.settings))
         self.names = [item.name for item in self.rig.system.outputs]
-        self.noisy = [sensor.noisy for sensor in self.rig.sensors]
 
     def adapter_of(self, settings: Mapping[str, Any]) -> tuple[EstimatorAdapter, ModelSource]:
         """The estimator that the parameters name, and where its model was read."""
@@ -87,12 +86,8 @@ class EstimatorNode(RigNode):
         return take_over
 
     def activate(self) -> None:
-        settings = self.settings
         self.forget()
         self.unusable = self.repeated = self.restarts = self.too_soon = self.seen = self.blind = 0
-        self.frozen = [
-            FrozenSensorDetector(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.names
-        ]
         self.execution = Timing()
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
@@ -130,13 +125,8 @@ class EstimatorNode(RigNode):
         self.zero = self.zero or stamp
         if self.stamp and 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
             self.too_soon += 1
-        for k, detector in enumerate(self.frozen):
-            if self.noisy[k] and detector.is_frozen(given[k]):
-                given[k] = math.nan
         self.adapter.given[:] = given
         self.recent.append(((stamp - self.zero) / SECOND, given))
-        if any(map(math.isfinite, given[: len(self.names)])):
-            self.usable = max(stamp, self.usable)
         try:
             estimate = self.adapter.update((stamp - self.zero) / SECOND)
         except UserError as error:  # nothing to hold on to yet
@@ -145,6 +135,8 @@ class EstimatorNode(RigNode):
             self.get_logger().warning(str(error), once=True)
             return
         self.waiting = None
+        if any(map(math.isfinite, self.adapter.outputs.tolist())):
+            self.usable = max(stamp, self.usable)
         if order is StampOrder.LATE:
             return  # the answer to a newer one is out
         self.stamp = stamp
@@ -223,7 +215,8 @@ class EstimatorNode(RigNode):
 
     def sensor(self) -> Task:
         """The task of the sensors: readings that are missing, frozen or implausible."""
-        counters, frozen = self.adapter.filter.counters, [detector.count for detector in self.frozen]
+        counters, frozen = self.adapter.filter.counters, [detector.count for detector in self.adapter.frozen]
+        left_out = dict(zip(self.names, self.adapter.monitor.counts, strict=True))
         values = {
             "invalid_entries": counters.invalid,
             "gated_outliers": counters.gated,
@@ -231,6 +224,7 @@ class EstimatorNode(RigNode):
             "camera_measurements": self.seen,
             "blind_estimates": self.blind,
             **{f"frozen_{name}": count for name, count in zip(self.names, frozen, strict=True)},
+            **{f"left_out_{name}": count for name, count in left_out.items()},
         }
         troubles = {
             "readings that are no number": counters.invalid - sum(frozen),
@@ -238,7 +232,14 @@ class EstimatorNode(RigNode):
             "estimates without a reading": self.blind,
             **{f"times the same reading of {name}": count for name, count in zip(self.names, frozen, strict=True)},
         }
-        return self.judged("sensor", troubles, counters.updates, **values)
+        task = self.judged("sensor", troubles, counters.updates, **values)
+        out = [name for name, is_out in zip(self.names, self.adapter.monitor.left_out, strict=True) if is_out]
+        if out:
+            words = f"{', '.join(out)} contradicts the model and is left out"
+            task = replace(
+                task, level=max(task.level, WARN), message=f"{words}; {task.message}".removesuffix("; running")
+            )
+        return task
 
     def model(self) -> Task:
         """The task of the model: whether innovations are as large as it predicts."""
@@ -250,6 +251,7 @@ class EstimatorNode(RigNode):
             "innovation_mean_square": mean,
             "innovation_band_low": low,
             "innovation_band_high": high,
+            "doubt": self.adapter.doubt,
             **{f"parameter_{name}": value for name, value in parameters.items()},
         }
         worse = mean / high if count else 0.0
@@ -257,7 +259,17 @@ class EstimatorNode(RigNode):
         if level == OK and worse > self.settings["innovation_warn"]:
             level = WARN
         message = "running" if level == OK else f"innovations {worse:.1f} times as large as the model says"
+        if (doubt := self.doubted()) and level == OK:
+            level, message = WARN, doubt
         return Task(name="model", level=level, message=message, values=values)
+
+    def doubted(self) -> str:
+        """What contradicts the estimate at this moment, "" where nothing does."""
+        adapter = self.adapter
+        names = [name for name, r in zip(self.names, adapter.monitor.evidence, strict=True) if r >= 1.0]
+        if names:
+            return f"innovations of {', '.join(names)} are not as large as the model says"
+        return "the estimated input disturbance is at its limit" if adapter.diverged else ""
 
 
 def _labelled(names: Sequence[str]) -> Float64MultiArray:

@@ -18,6 +18,11 @@ Lists = Sequence[Sequence[float]]
 T = TypeVar("T")
 AHEAD = "_ahead"
 """Ending of the entries of the state that the next command will meet."""
+APPLIED = "_applied"
+"""Ending of the entries of the inputs that acted until the measurement."""
+DOUBT, WITHOUT = "doubt", "sensors_left_out"
+"""Entries of how far to trust an estimate: the strongest evidence against it as a multiple of its threshold, and the
+number of sensors that it has to do without."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +55,12 @@ class SignalLayout:
             for field in ("position", "velocity")
             if getattr(joint, field)
         }
-        taken = {name + ending for name in joints for ending in ("", AHEAD)}
+        taken = {name + ending for name in joints for ending in ("", AHEAD, APPLIED)} | {DOUBT, WITHOUT}
         for item in (*system.states, *system.outputs):
             if item.name not in carried and item.name in taken:
                 raise UserError(
-                    f"rig {rig.name}: {item.name} is a joint and a state that it does not carry: rename one"
+                    f"rig {rig.name}: {item.name} is a state or output, and also a joint that does not carry "
+                    "it or of what estimates say of their validity: rename one"
                 )
         self.inputs = [SignalPlace(*rig.joints.place(item.name)) for item in system.inputs]
         self.states = [carried.get(item.name) or SignalPlace(item.name, "position") for item in system.states]
@@ -62,14 +68,19 @@ class SignalLayout:
         names = [item.name for item in system.states]
         self.further = [k for k, item in enumerate(system.outputs) if item.name not in names]
         """The outputs that are no states."""
+        self.validity = [place.ending(APPLIED) for place in self.inputs]
+        self.validity += [SignalPlace(name, "position") for name in (DOUBT, WITHOUT)]
+        """Applied inputs (m,), doubt, and how many sensors are left out (m + 2,)."""
 
     def estimate(self, followed: Iterable[str]) -> list[SignalPlace]:
         """What an estimate carries: states, outputs that are no states and input disturbances at its stamp, states and
-        disturbances when the next command acts, and the followed parameters. Raises UserError where a followed
-        parameter has the name of another entry.
+        disturbances when the next command acts, its validity, and the followed parameters.
+
+        Raises UserError where a followed parameter has the name of another entry.
         """
         now = [*self.states, *(self.outputs[k] for k in self.further), *self.inputs]
         later = [place.ending(AHEAD) for place in (*self.states, *self.inputs)]
+        later += self.validity
         entries = {place.entry for place in (*now, *later)}
         for name in followed:
             if name in entries:

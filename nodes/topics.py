@@ -14,7 +14,7 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.bags import QualityOfService
@@ -35,6 +35,7 @@ OWN: Mapping[str, Any] = {
     "predicted_trajectory": JointTrajectory,
     "motion": JointTrajectory,
     "camera/joint_states": JointState,
+    "estop": Bool,
     "/diagnostics": DiagnosticArray,
     "/parameter_events": ParameterEvent,
 }

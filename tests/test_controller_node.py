@@ -53,8 +53,8 @@ class Wheel:
         )
         bench.until(
             lambda: (
-                self.controller.commands
-                and self.controller.commands.get_subscription_count()
+                self.controller.output.commands
+                and self.controller.output.commands.get_subscription_count()
                 and self.estimates.get_subscription_count()
                 and self.references.get_subscription_count()
             )
@@ -141,8 +141,11 @@ def test_without_a_sound_estimate_the_command_is_held_then_zero(wheel: Wheel) ->
     assert wheel.command(0.0) == pytest.approx(4.0)
     assert wheel.command(math.nan) == pytest.approx(4.0)
     assert wheel.command(math.nan, step=SECOND // 2) == 0.0
-    assert wheel.command(0.0) == pytest.approx(4.0)
-    assert wheel.controller.layers == {"policy": 2, "held": 1, "zeroed": 1}
+    commands = [wheel.command(0.0) for _ in range(30)]
+    assert commands == sorted(commands), "the reference begins where the rig is and moves on"
+    assert 0.0 < commands[0] < 3.0
+    assert commands[-1] == pytest.approx(4.0)
+    assert wheel.controller.layers == {"policy": 31, "held": 1, "zeroed": 1}
 
 
 def test_what_stands_in_for_a_plan_becomes_zero(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
@@ -153,7 +156,12 @@ def test_what_stands_in_for_a_plan_becomes_zero(bench: Bench, model_folder: Path
     def none(state: Any, disturbance: Any, previous: Any, preview: Any) -> MpcSolution:
         return held(previous, wheel.controller.adapter.problem, Status.FAILED)
 
-    parts = {"prepare": lambda elapsed: None, "horizon": wheel.controller.adapter.controller.horizon, "period": 0.02}
+    parts = {
+        "prepare": lambda elapsed: None,
+        "reset": lambda: None,
+        "horizon": wheel.controller.adapter.controller.horizon,
+        "period": 0.02,
+    }
     wheel.controller.adapter.controller = SimpleNamespace(control=none, **parts)
     commands = [wheel.command(0.0) for _ in range(50)]
     assert commands[:39] == [pytest.approx(4.0)] * 39  # .2 s at 200 Hz
@@ -246,7 +254,7 @@ def test_the_exact_mpc_answers_and_shows_its_plan(bench: Bench, model_folder: Pa
     wheel = Wheel(bench, model_folder, policy_folder, lockstep=True, policy="exact")
     plans: list[JointTrajectory] = []
     bench.probe.create_subscription(JointTrajectory, "predicted_trajectory", plans.append, qos_profile_sensor_data)
-    bench.until(wheel.controller.predictions.get_subscription_count)
+    bench.until(wheel.controller.output.predictions.get_subscription_count)
     wheel.refer([VOLT] * 3)
     assert 1.0 < wheel.command(0.0) <= 10.0
     bench.until(lambda: plans)
@@ -356,7 +364,7 @@ def test_bare_numbers_are_there_for_who_reads_them(bench: Bench, model_folder: P
     """As a forward_command_controller takes them: an array in the order of the inputs."""
     wheel = Wheel(bench, model_folder, policy_folder)
     numbers = bench.listen("effort_command", Float64MultiArray)
-    bench.until(lambda: wheel.controller.numbered)
+    bench.until(lambda: wheel.controller.output.wanted)
     wheel.stamp = wheel.controller.now()
     wheel.refer([VOLT] * 9)
     bench.until(lambda: wheel.controller.preview)

@@ -119,7 +119,8 @@ def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_p
     assert np.abs(torque).max() <= 2.0
     names = list(loop.estimates[-1].name)
     hidden = [item.name for item in rig.system.states if item.name not in ("motor_angle", "link_angle")][2:]
-    assert names == ["motor", "link", *hidden, "motor_ahead", "link_ahead", *(f"{name}_ahead" for name in hidden)]
+    ahead = ["motor_ahead", "link_ahead", *(f"{name}_ahead" for name in hidden)]
+    assert names == ["motor", "link", *hidden, *ahead, "motor_applied", "doubt", "sensors_left_out"]
     point = loop.references[0].points[0]
     assert loop.references[0].joint_names == ["link"]
     assert (len(point.positions), len(point.velocities)) == (0, 1)

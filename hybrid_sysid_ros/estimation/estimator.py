@@ -40,6 +40,8 @@ class StateEstimate:
     """(outputs,) of the measurement just given; NaN where an output was not measured."""
     normalised_innovation: float
     """e' V^-1 e of it: in the mean as much as there are values. NaN where there are none."""
+    normalised: Array
+    """(outputs,): the part of each output in that sum, in the mean 1; NaN where an output was not measured."""
 
 
 @dataclass(kw_only=True)
@@ -120,7 +122,7 @@ class Estimator(ABC):
         self._as_given = np.array([named[name] for name in tuning.followed])
         self._channels = {name: p + k for k, name in enumerate(tuning.channels)}
         self._size = len(self._arrays["start"])
-        self._parts = np.cumsum([n, n, m, len(tuning.followed), p]).tolist()
+        self._parts = np.cumsum([n, n, m, len(tuning.followed), p, 1, p]).tolist()
         self._outputs, self._applied, self._value = np.empty(p), np.empty(m), np.empty(1)
         self.reset()
 
@@ -227,7 +229,7 @@ class Estimator(ABC):
 
     def _take(self, time: float, since: float, first: int, given: Array) -> StateEstimate:
         """Values of the channels from ``first`` on in their place; ``applied`` counts where ``since`` is before."""
-        out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
+        out, P = np.empty(self._parts[-1]), np.empty((self._size, self._size))
         code = self._run(self._given, MEASURE, time, since, first, given, self._applied, out, P)
         delayed = bool(time <= self._newest)
         if not delayed:
@@ -271,12 +273,12 @@ class Estimator(ABC):
 
     def _look(self, task: int = LOOK) -> StateEstimate:
         """The estimate as it is, or as it begins."""
-        out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
+        out, P = np.empty(self._parts[-1]), np.empty((self._size, self._size))
         self._run(self._given, task, 0.0, 0.0, 0, self._outputs, self._applied, out, P)
         return self._estimate(out, P)
 
     def _estimate(self, out: Array, P: Array) -> StateEstimate:
-        a, b, c, d, e = self._parts
+        a, b, c, d, e, f, _ = self._parts
         disturbance, parameters = out[b:c], out[c:d]
         if self._offsets is not None:
             disturbance = disturbance + (parameters - self._as_given) @ self._offsets
@@ -289,6 +291,7 @@ class Estimator(ABC):
             covariance=P,
             innovation=out[d:e],
             normalised_innovation=float(out[e]),
+            normalised=out[f:],
         )
 
     def _start(self, time: float, first: int, values: Array) -> StateEstimate:

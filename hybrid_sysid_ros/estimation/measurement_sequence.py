@@ -282,7 +282,8 @@ def measurement_answer(
     core: Any, moments: Records, readings: Records, inputs: Array, changed: int, first: int, out: Array, P: Array
 ) -> int:
     """What became of a measurement of the channels from ``first`` on. ``out``: states, states ahead, disturbance,
-    followed parameters, innovations of the outputs, sum of the normalised squares; ``P``: covariance (size, size).
+    followed parameters, innovations of the outputs, sum of the normalised squares, each of them by output; ``P``:
+    covariance (size, size).
     """
     n, m, p, size = core.states, core.inputs, core.outputs, core.size
     newest = moments[core.count - 1]
@@ -304,7 +305,7 @@ def measurement_answer(
     fine, used, row = True, 0, moments[core.at].row
     out[shown + p] = 0.0
     for k in range(p):
-        out[shown + k] = math.nan
+        out[shown + k] = out[shown + p + 1 + k] = math.nan
     for c in range(first, p if first < p else first + 1 if changed != NOTHING else 0):
         reading = readings[row, c]
         fine = fine and reading.fate == USED
@@ -312,13 +313,13 @@ def measurement_answer(
             used += 1
             out[shown + p] += reading.normalised
             if c < p:
-                out[shown + c] = reading.innovation
+                out[shown + c], out[shown + p + 1 + c] = reading.innovation, reading.normalised
     if used == 0:
         out[shown + p] = math.nan
     if total != 0.0:
         return LOST
     if changed == NOTHING:
-        for k in range(p + 1):
+        for k in range(2 * p + 1):
             out[shown + k] = math.nan
         return LATE
     return FINE if fine and core.wrong == 0 else ODD

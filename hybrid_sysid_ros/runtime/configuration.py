@@ -12,6 +12,8 @@ import numpy as np
 
 from hybrid_sysid_ros.control import Controller, ControlProblem
 from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.safety.failsafe import Ladder
+from hybrid_sysid_ros.control.safety.guard import GuardSettings
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
@@ -34,8 +36,8 @@ from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
     "CAMERA", "TRAINED", "NodeParameter", "SetPointRange", "check_rules", "check_tolerances", "controller_model",
-    "defaults", "estimator_model", "estimator_tuning", "mpc_problem", "parameters", "set_point_ranges", "settings",
-    "shipped", "spread_of", "wrap_for_rig",
+    "defaults", "estimator_model", "estimator_tuning", "guard_settings", "mpc_problem", "parameters",
+    "set_point_ranges", "settings", "shipped", "spread_of", "wrap_for_rig",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -46,6 +48,8 @@ AT_FIRST = 10.0
 """Initial deviation of an offset, in units of its drift in one second: as much as it drifts in 100 s."""
 NONE = 1e9
 """A bound of a state that is at least this large counts as no bound."""
+RESUME_SECONDS = 1.0
+"""Time [s] in which a reference that comes back crosses the whole range of set-points, where no rate is given."""
 REACH = 2.0
 """Set-points lie within this many times the amplitude of the rig's own references."""
 
@@ -186,6 +190,37 @@ def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: ControlProble
         disturbance=tuple(values["check_disturbance"]),
         patience=values["check_patience"],
     )
+
+
+def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> GuardSettings:
+    """What makes a loop slow down, hold and rest, from the parameters of the node `controller` and the rig's limits.
+
+    system: whose states the controller is given.
+    """
+    ranges = set_point_ranges(rig)
+    crossing = [item.scale * (item.high - item.low) / RESUME_SECONDS if item.moves else NONE for item in ranges]
+    rates = in_si(listed(values, "resume_rate", "parameter", len(ranges)), rig)
+    low, high = rig.limits
+    bounds = rig.travel if rig.validity is None else _within(rig.travel, rig.validity)
+    known = dict(zip((item.name for item in rig.system.states), bounds.T.tolist(), strict=True))
+    state_low, state_high = np.array([known.get(item.name, [-math.inf, math.inf]) for item in system.states]).T
+    return GuardSettings(
+        act=values["distrust"] == "act",
+        ladder=Ladder(values["slow_after"], values["hold_after"], values["rest_after"]),
+        slow_share=values["slow_share"],
+        resume_rate=np.array([abs(rate) or cross for rate, cross in zip(rates, crossing, strict=True)]),
+        tolerance=values["actuator_tolerance"],
+        low=low,
+        high=high,
+        rate=np.array([actuator.rate for actuator in rig.actuators]),
+        state_low=state_low,
+        state_high=state_high,
+    )
+
+
+def _within(first: Array, second: Array) -> Array:
+    """What two ranges (2, states) have in common."""
+    return np.array([np.maximum(first[0], second[0]), np.minimum(first[1], second[1])])
 
 
 def _violation(values: Mapping[str, Any], rig: Rig) -> float:

@@ -90,7 +90,7 @@ class Exact:
         nothing = np.zeros(0)
         return StateEstimate(
             time=time, state=x, ahead=x, disturbance=np.zeros(2), parameters=nothing, covariance=np.zeros((4, 4)),
-            innovation=nothing, normalised_innovation=0.0,
+            innovation=nothing, normalised_innovation=0.0, normalised=nothing,
         )  # fmt: skip
 
 

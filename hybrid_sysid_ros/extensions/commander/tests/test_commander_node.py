@@ -19,8 +19,9 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.extensions.commander.nodes.commander import CommanderNode
-from hybrid_sysid_ros.nodes.controller import ControllerMode, ControllerNode
+from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
+from hybrid_sysid_ros.nodes.operation import ControllerMode
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from tests.node_bench import VOLT, Bench
@@ -115,14 +116,14 @@ def test_disarmed_a_plan_waits_until_it_is_confirmed(loop: Loop) -> None:
 def test_a_stop_drops_the_plan_and_disarms(loop: Loop) -> None:
     loop.say("swing between -1 and 1 V at 1 Hz for 2 s")
     assert loop.call("commander/stop").success
-    loop.bench.until(lambda: loop.controller.mode is ControllerMode.STOP)
+    loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
     assert not loop.commander.armed
     count = len(loop.set_points)
     loop.bench.until(lambda: len(loop.set_points) > count - 1 and len(loop.set_points[-1].points) == 1)
     assert state(loop.say("go to 1 V")) == "waits"
-    assert loop.controller.mode is ControllerMode.STOP
+    assert loop.controller.operation.mode is ControllerMode.STOP
     assert loop.call("commander/confirm").success
-    loop.bench.until(lambda: loop.controller.mode is ControllerMode.DRIVE)
+    loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.DRIVE)
 
 
 @pytest.mark.parametrize("text", ["stop", "STOP!!", "please stop it now", "oh dear stop"])
@@ -130,7 +131,7 @@ def test_stop_is_understood_while_a_plan_is_checked(loop: Loop, text: str) -> No
     loop.text.publish(String(data="swing between -1 and 1 V at 0.5 Hz for 100 s"))
     loop.bench.until(lambda: loop.commander.checking)
     assert state(loop.say(text)) == "stopped"
-    loop.bench.until(lambda: loop.controller.mode is ControllerMode.STOP)
+    loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
     assert loop.commander.running is None
     assert loop.commander.ready is None
 
@@ -142,14 +143,14 @@ def test_stop_works_while_the_commander_is_not_configured(bench: Bench) -> None:
     client = bench.probe.create_client(Trigger, "commander/stop")
     bench.until(client.service_is_ready)
     client.call_async(Trigger.Request())
-    bench.until(lambda: controller.mode is ControllerMode.STOP)
+    bench.until(lambda: controller.operation.mode is ControllerMode.STOP)
     with pytest.raises(Exception, match="activate"):
         commander.obey("hold 1 V")
 
 
 def test_a_sum_that_ends_in_stop_stops_at_its_end(loop: Loop) -> None:
     loop.say("go to 1 V in 0.5 s then stop")
-    loop.bench.until(lambda: loop.controller.mode is ControllerMode.STOP)
+    loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
     assert loop.commander.monitor.shown_outputs()[0] == pytest.approx(1.0, abs=0.2)
 
 

@@ -80,7 +80,7 @@ class Replay:
         self.estimator = _made(EstimatorNode, context, order.namespace, order.estimator)
         self.controller = _made(ControllerNode, context, order.namespace, order.controller)
         self.estimates, self.commands = Tap(), Tap()
-        self.estimator.estimates, self.controller.commands = self.estimates, self.commands
+        self.estimator.estimates, self.controller.output.commands = self.estimates, self.commands
         self.waiting: dict[int, bytes] = {}
         """Estimates that have not reached the controller, by their stamps [ns]."""
         self.due: set[int] = set()

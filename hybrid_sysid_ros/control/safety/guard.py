@@ -1,0 +1,128 @@
+"""Guard: turns what a loop knows about its estimate, actuators and range into slower, held or resting inputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hybrid_sysid_ros.control.safety.failsafe import Failsafe, Ladder, LoopState
+from hybrid_sysid_ros.control.safety.governor import ReferenceGovernor
+from hybrid_sysid_ros.support.arrays import Array
+
+ESTIMATE, ACTUATOR, RANGE = "estimate", "actuator", "range"
+REASONS = {
+    ESTIMATE: "measurements contradict the model",
+    ACTUATOR: "the actuator does not do what was commanded",
+    RANGE: "the state is outside of the rig's travel or validity",
+}
+"""Kinds of evidence, in words."""
+RECENT = 10  # commands, one of which an actuator may still be carrying out
+OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
+LONGEST = 0.05  # s, that one update counts as evidence, however long ago the last one was
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GuardSettings:
+    """Thresholds of a guard. n states, m inputs, p outputs."""
+
+    act: bool
+    """Whether the guard acts; otherwise it only says what it would do."""
+    ladder: Ladder
+    slow_share: float
+    """Of half an input's range, by which it may leave its rest while slowed, and of ``resume_rate``."""
+    resume_rate: Array
+    """(p,): by which the reference moves on when the loop comes back [output unit/s]."""
+    tolerance: float
+    """Share of its range by which an actuator may differ from its commands."""
+    low: Array
+    """(m,), the lowest inputs."""
+    high: Array
+    """(m,), the highest."""
+    rate: Array
+    """(m,), the fastest changes [input unit/s], infinite where there is no limit."""
+    state_low: Array
+    """(n,), the lowest states that the rig's travel and validity allow, minus infinity where nothing is said."""
+    state_high: Array
+    """(n,)."""
+
+
+class Guard:
+    """Stands between estimate, controller and actuator: judges, governs the reference and limits the command.
+
+    The evidence: ``doubt`` of the estimator; the distance of the applied inputs from the hull of the recent commands
+    over the tolerance; the distance of the state from its range over OUTSIDE of that range.
+    """
+
+    def __init__(self, settings: GuardSettings) -> None:
+        self.settings = settings
+        self.failsafe = Failsafe(settings.ladder, list(REASONS))
+        self.governor = ReferenceGovernor(len(settings.resume_rate))
+        self._span = settings.high - settings.low
+        self._limited = bool(np.isfinite(settings.rate).any())
+        width = settings.state_high - settings.state_low
+        self._outside = OUTSIDE * np.where(np.isfinite(width), width, np.maximum(1.0, np.abs(self._finite())))
+        self._recent = np.zeros((RECENT, len(self._span)))
+        self.evidence = dict.fromkeys(REASONS, 0.0)
+        self.begin()
+
+    def _finite(self) -> Array:
+        """The end of a range that has only one, else 0 (n,)."""
+        low, high = self.settings.state_low, self.settings.state_high
+        return np.asarray(np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0)))
+
+    def begin(self) -> None:
+        """Forget the past."""
+        self.failsafe.reset()
+        self.governor.release()
+        self._recent[:] = np.clip(0.0, self.settings.low, self.settings.high)
+        self._row = 0
+
+    def judge(self, doubt: float, without: float, applied: Array, state: Array, elapsed: float) -> LoopState:
+        """The level from an estimate. doubt, without: of the estimator, NaN where it says nothing. applied (m,): inputs
+        that acted, NaN where that is not known. state (n,). elapsed: since the last estimate [s].
+        """
+        settings, evidence = self.settings, self.evidence
+        evidence[ESTIMATE] = doubt
+        away = np.maximum(self._recent.min(axis=0) - applied, applied - self._recent.max(axis=0))
+        evidence[ACTUATOR] = float((away / (settings.tolerance * self._span)).max(initial=0.0, where=away == away))
+        beyond = np.maximum(settings.state_low - state, state - settings.state_high) / self._outside
+        evidence[RANGE] = float(beyond.max(initial=0.0, where=beyond == beyond))
+        level = self.failsafe.judge(evidence, min(elapsed, LONGEST))
+        if without > 0.0 and level < LoopState.SLOWED:
+            level = LoopState.SLOWED
+        return level if settings.act else LoopState.DRIVING
+
+    @property
+    def reason(self) -> str:
+        """Why the level is what it is, in words."""
+        if self.failsafe.reason:
+            return REASONS[self.failsafe.reason]
+        return "a sensor is missing or left out"
+
+    def reference(self, level: LoopState, now: Array, preview: Array, times: Array, elapsed: float) -> Array:
+        """The preview (points, p) that the controller gets; see :meth:`.governor.ReferenceGovernor.follow`."""
+        rate, slow = self.settings.resume_rate, level is not LoopState.DRIVING
+        if slow and self.governor.free:
+            self.governor.begin(now)
+        if self.governor.free:
+            return preview
+        share = 0.0 if level >= LoopState.HOLDING else self.settings.slow_share if slow else 1.0
+        return self.governor.follow(now, preview, times, share * rate, elapsed, keep=slow)
+
+    def slowed(self, inputs: Array, rest: Array) -> Array:
+        """A command (m,) that stays near the inputs at rest (m,)."""
+        room = 0.5 * self.settings.slow_share * self._span
+        return np.clip(np.clip(inputs, rest - room, rest + room), self.settings.low, self.settings.high)
+
+    def followed(self, inputs: Array, before: Array, elapsed: float) -> Array:
+        """What the actuators can follow of a command (m,), ``elapsed`` [s] after another one (m,)."""
+        if not self._limited:
+            return inputs
+        reach = self.settings.rate * max(elapsed, 0.0)
+        return np.clip(inputs, before - reach, before + reach)
+
+    def commanded(self, inputs: Array) -> None:
+        """Remember a command (m,) that was sent."""
+        self._recent[self._row] = inputs
+        self._row = (self._row + 1) % RECENT

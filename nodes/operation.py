@@ -1,0 +1,80 @@
+"""Operation: what users have asked a control loop to do, and whether it may move at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+
+from hybrid_sysid_ros.control.safety.failsafe import LoopState
+from hybrid_sysid_ros.support.errors import UserError
+
+
+class ControllerMode(Enum):
+    """What the services have asked for last."""
+
+    DRIVE = "drive"
+    HOLD = "hold"
+    STOP = "stop"
+
+
+class Operation:
+    """ControllerMode, arming and the emergency stop, which stays until it is reset, and needs arming after that.
+
+    reason: why the loop may not move, "" where it may.
+    """
+
+    def __init__(self, *, armed: bool) -> None:
+        self.mode, self.armed, self.emergency = ControllerMode.DRIVE, armed, False
+        self.reason = "" if armed else "not armed yet"
+
+    def turn_to(self, mode: ControllerMode) -> None:
+        """Take another mode. Raises UserError where the loop is not armed and would have to move."""
+        if mode is not ControllerMode.STOP and not self.armed:
+            raise UserError(f"the loop is disarmed ({self.reason}): {self._way_back}")
+        self.mode = mode
+
+    @property
+    def _way_back(self) -> str:
+        return "call the services reset and arm" if self.emergency else "call the service arm"
+
+    def arm(self, unready: Sequence[str]) -> None:
+        """Let the loop move. unready: which checks fail, and why. Raises UserError where one fails, and after an
+        emergency stop that has not been reset.
+        """
+        if self.emergency:
+            raise UserError(f"the emergency stop is latched ({self.reason}): call the service reset before")
+        if unready:
+            raise UserError(f"not ready to be armed: {'; '.join(unready)}")
+        self.armed, self.mode, self.reason = True, ControllerMode.DRIVE, ""
+
+    def disarm(self) -> None:
+        """Let the loop come to rest and stay there until it is armed."""
+        self.armed = False
+        self.reason = self.reason or "disarmed by the service"
+
+    def emergency_stop(self, why: str) -> None:
+        """Rest at once, and stay there until it is reset and armed."""
+        if not self.emergency:
+            self.armed, self.emergency, self.reason = False, True, why
+
+    def reset(self) -> None:
+        """Unlatch the emergency stop; the loop stays disarmed."""
+        self.emergency = False
+
+    def state(self, level: LoopState) -> LoopState:
+        """What the loop does where its failsafe allows a level."""
+        if not self.armed:
+            return LoopState.DISARMED
+        if self.mode is ControllerMode.STOP:
+            return LoopState.STOPPED
+        return max(level, LoopState.HOLDING) if self.mode is ControllerMode.HOLD else level
+
+    @property
+    def words(self) -> str:
+        """What to do to go on, "" where the loop drives."""
+        if not self.armed:
+            return f"disarmed ({self.reason}): {self._way_back}"
+        if self.mode is ControllerMode.DRIVE:
+            return ""
+        state = "stopped" if self.mode is ControllerMode.STOP else "holding the outputs"
+        return f"{state} until the service enable is called"
