@@ -18,7 +18,9 @@ SHARED = FRONT_DOOR | {"FreeRun", "EXTENSION"}
 GONE = re.compile(
     r"told|_told\w*|sloped|stepped|fly|flown|hears|HEARS|aside|patient|strangers?|way_of|Leftover|beginning|Desk|Pictured"
     r"|Fired|Shooting|Whereabouts|Understanding|Inquiry|Playhead|Drifting|belongings|Border|Pilot|Plan|Problem|Prediction"
-    r"|Observer|Experiment|Outcome|Motion|Layout|Place|Order|Mode|Form|Format"
+    r"|Observer|Experiment|Outcome|Motion|Layout|Place|Order|Mode|Form|Format|Windows|Still|Speaker|Channel|Estimate"
+    r"|Schedule|Quality|DemoRecords|telling|_off|take_back|believed?|sight|motion_ahead|pictures_ahead|begun|placed|forced"
+    r"|observed|controlled|miss|remembered"
 )
 """Names that had several meanings, or that nobody outside of this project would have guessed."""
 

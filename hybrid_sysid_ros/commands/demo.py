@@ -24,7 +24,7 @@ from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
-from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe, DemoRecords
+from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe, RecordSplit
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
@@ -54,7 +54,7 @@ def command(rig: RigName = "", out: Out = None, train: Train = False, demos: Seq
     demo(place, rig=chosen.source, train=train)
 
 
-def demo(out: Path, records: DemoRecords | None = None, *, rig: str = "", train: bool = False) -> dict[str, Any]:
+def demo(out: Path, records: RecordSplit | None = None, *, rig: str = "", train: bool = False) -> dict[str, Any]:
     """Identify a rig from bags, run it under the approximate MPC as ROS 2 processes, and report.
 
     Leaves report.html, summary.json, the model and the bag of the loop in ``out``. records: by default those that the
@@ -113,7 +113,7 @@ def demo(out: Path, records: DemoRecords | None = None, *, rig: str = "", train:
     return summary
 
 
-def _identified(model: Model, records: DemoRecords, rig: Rig) -> dict[str, Any]:
+def _identified(model: Model, records: RecordSplit, rig: Rig) -> dict[str, Any]:
     """What the summary says of the model, which runs under the stabiliser where its rig has one; of several outputs
     R2 is the mean.
     """

@@ -64,14 +64,14 @@ class Initialisation:
         before, root = self.arrays["means"][row].copy(), self.arrays["roots"][row]
         mean, deviations, initialised = self._belief(index, before, lost)
         fates = self.memory.readings["fate"][self.memory.moments["row"][: index + 1]]
-        believed = (fates == USED) | (fates == INITIALISED)
-        run = max((int(np.flatnonzero(believed[:, c])[-1]) + 1 if believed[:, c].any() else 0) for c in lost)
+        accepted = (fates == USED) | (fates == INITIALISED)
+        run = max((int(np.flatnonzero(accepted[:, c])[-1]) + 1 if accepted[:, c].any() else 0) for c in lost)
         change = self._shown(mean) - self._shown(before)
         variance = (
             self.memory.channels["noise"] + self._variance(mean, np.diag(deviations)) + self._variance(before, root)
         )
         for c in range(len(change)):
-            measured = believed[run:, c][fates[run:, c] != EMPTY]
+            measured = accepted[run:, c][fates[run:, c] != EMPTY]
             if c not in lost and measured.size and measured[-1] and change[c] ** 2 > self.tuning.gate * variance[c]:
                 return False
         self._write(index, mean, deviations, initialised)

@@ -1,4 +1,4 @@
-"""Companion: what an extension adds to the loop of a rig: nodes, and changes of the parameters of others."""
+"""Companion: an extension's part in the loop of a rig, with nodes and changed parameters of other nodes."""
 
 from __future__ import annotations
 
@@ -12,56 +12,56 @@ LOOP = ("plant", "estimator", "controller", "reference")
 RECORDER = "recorder"
 
 NodeValues = dict[str, dict[str, Any]]
-"""Of parameters, by node and name."""
+"""Values of parameters by node and name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RequestedLoop:
-    """The loop that companions join, as it is asked for."""
+    """The requested loop, which companions join."""
 
     rig: str
-    """Name or path."""
+    """Name or path of the rig."""
     reference: str = ""
-    """"": the rig's own."""
+    """Name of the reference; "": the rig's first."""
     duration: float = 0.0
-    """Of the reference [s]; 0: its own, or until Ctrl-C."""
+    """Length of the reference [s]; 0: its own length, or until Ctrl-C."""
     lockstep: bool = False
     recorded: bool = False
     folder: str = ""
-    """Of the files that a user may name while it runs; "": none."""
+    """Folder of files that a user may name while the loop runs; "": none."""
     simulated: bool = True
     """Whether the plant is simulated; else a rig with drivers of its own stands in for it."""
     companions: tuple[str, ...] = ()
-    """Names of all that join it."""
+    """Names of all companions."""
 
 
 class Companion:
-    """What joins a loop. A subclass says what differs from nothing."""
+    """A participant in a loop. Its methods do nothing by default."""
 
     name: ClassVar[str]
     beside: ClassVar[bool] = False
     """Whether the loop goes on when one of its nodes ends; they are then stopped last, with the recorder."""
 
     def check(self, loop: RequestedLoop) -> None:
-        """Raise UserError where it can't join; before anything is started."""
+        """Raise UserError where it can't join; called before anything is started."""
 
     def parameters(self, loop: RequestedLoop) -> NodeValues:
-        """Its nodes, and the values that it changes in those of the loop. Raises UserError where it has none."""
+        """Parameters of its nodes, and changed parameters of the loop's nodes. Raises UserError where it has none."""
         return {}
 
     def nodes(self, loop: RequestedLoop) -> set[str]:
-        """Names of those nodes that run for its sake alone."""
+        """Names of the nodes that run only for it."""
         return {*self.parameters(loop)} - {*LOOP, RECORDER}
 
     def ready(self, said: Callable[[str], set[str]]) -> str:
-        """A line for the user once all nodes are ready, if any. said: the words of a node on its standard output."""
+        """A line for the user once all nodes are ready, or "". said: gives a node's words on its standard output."""
         return ""
 
 
 def join(loop: RequestedLoop, values: NodeValues, companions: Sequence[Companion]) -> None:
     """Add the nodes of companions to the values of a loop's parameters, and change those that they change.
 
-    Raises UserError where two want different values of one parameter. What is for a recorder is left where none runs.
+    Raises UserError where two want different values of one parameter. Values for a recorder count only where one runs.
     """
     by: dict[tuple[str, str], str] = {}
     for companion in companions:

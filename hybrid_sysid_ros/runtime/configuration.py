@@ -1,4 +1,4 @@
-"""Configuration: what the nodes' parameters and the rig's file say for estimators, controllers and set-points."""
+"""Configuration of estimators, controllers and set-points from node parameters and the rig's file."""
 
 from __future__ import annotations
 
@@ -80,15 +80,15 @@ def wrap_for_rig(rig: Rig, system: System, controller: Controller) -> Controller
 
 
 def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
-    """A number for each output, from the units in which they are shown into SI."""
+    """Numbers of the outputs in SI, from their display units."""
     return tuple(display.scale * value for display, value in zip(rig.display, values, strict=True))
 
 
 def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Tuning:
-    """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
+    """Tuning of the estimators from the parameters of the node `estimator`, with outputs in SI.
 
-    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone,
-    offsets drift as the rig says, those without a unit, such as hidden units of a network, by OWN_NOISE, others not.
+    system: the estimator's model, by default the rig's system. Among states that only the model has, offsets drift as
+    the rig declares, states without a unit, such as hidden units of a network, by OWN_NOISE, and others don't drift.
     Raises UserError where `followed` is no list of NAME=DRIFT.
     """
     system, camera = system or rig.system, rig.display[0].scale * values["camera_noise"]
@@ -121,7 +121,7 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None 
 
 
 def _drifts(text: str, known: Sequence[str]) -> dict[str, float]:
-    """NAME=DRIFT NAME=DRIFT... by name; one with a * is all that are known by such names, as level_rule_*."""
+    """Drifts by name from NAME=DRIFT NAME=DRIFT...; a name with a * stands for all that match, such as level_rule_*."""
     found: dict[str, float] = {}
     for item in text.split():
         name, _, drift = item.partition("=")
@@ -133,11 +133,11 @@ def _drifts(text: str, known: Sequence[str]) -> dict[str, float]:
 
 
 def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> ControlProblem:
-    """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
+    """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighted in display units.
 
-    system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds, and
-    one that holds at one step only is predicted by that, whatever `substeps` is.
-    Raises UserError where a number makes no problem.
+    system: the MPC's model, by default the rig's system. States that only the model has are unbounded. A model that
+    holds only at its own step is predicted with that step, whatever `substeps` is.
+    Raises UserError for a number that makes no valid problem.
     """
     system = system or rig.system
     states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
@@ -172,7 +172,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
 
 
 def _substeps(values: Mapping[str, Any], system: System) -> int:
-    """Steps of an interval: those of a model that has its own, where they are whole ones."""
+    """Steps in an interval: a whole number of the model's own steps where it has them, else `substeps`."""
     own = system.sampling_time
     return int(values["substeps"]) if own is None else max(1, round(values["period"] / own))
 
@@ -180,8 +180,8 @@ def _substeps(values: Mapping[str, Any], system: System) -> int:
 def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: ControlProblem) -> Tolerances:
     """Tolerances of the online check from the parameters of the node `controller`.
 
-    What the sensors' noise costs can't be told from nothing: a plan may be costlier by an error of that size at every
-    sample of the horizon.
+    The cost of the sensors' noise is insignificant: a plan may cost more by errors of that size at every sample of the
+    horizon.
     """
     return Tolerances(
         cost=values["check_cost"],
@@ -242,8 +242,8 @@ def noise_cost(rig: Rig, problem: ControlProblem) -> float:
 
 
 def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, ...]:
-    """Numbers of the rig's states for those of a model of it, by their names; for states that it has alone 0, but for
-    offsets what an estimator believes of them at first.
+    """Numbers of the rig's states for the states of a model, by their names. States that only the model has get 0, and
+    offsets their initial deviation in an estimator.
     """
     known = dict(zip((item.name for item in rig.system.states), values, strict=True))
     known |= {name: AT_FIRST * drift for name, drift in offset_drifts(rig).items()}
@@ -251,14 +251,14 @@ def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, .
 
 
 def offset_drifts(rig: Rig) -> dict[str, float]:
-    """Of the rig's offsets, by the names of the states that they are."""
+    """Drifts of the rig's offsets, by the names of the offsets' states."""
     return {offset_of(name): drift for name, drift in rig.offsets.items()}
 
 
 def spread_of(rig: Rig, model: System | None = None) -> Spread:
-    """What the closed loops are made of that a policy learns from, from the section policy_training of its rig.
+    """Distribution of the closed loops for a policy's training, from the rig's section policy_training.
 
-    model: whose states are pushed, by default the rig's own system. Raises UserError where it lacks a number.
+    model: the model whose states are pushed, by default the rig's system. Raises UserError for a missing number.
     """
     given, where = rig.section("policy_training"), f"{rig.file}: policy_training"
     system = rig.system
@@ -272,7 +272,7 @@ def spread_of(rig: Rig, model: System | None = None) -> Spread:
 
 
 def listed(content: Mapping[str, Any], key: str, where: str, count: int) -> tuple[float, ...]:
-    """So many numbers of a section. Raises UserError where they are missing or others."""
+    """``count`` numbers from a section. Raises UserError where they are missing or wrong."""
     if key not in content:
         raise UserError(f"{where}: {key} is missing: it needs {count} numbers, or one for all")
     return numbers(content[key], f"{where}.{key}", count=count)
@@ -280,7 +280,7 @@ def listed(content: Mapping[str, Any], key: str, where: str, count: int) -> tupl
 
 @dataclass(frozen=True, kw_only=True)
 class SetPointRange:
-    """An output as it is shown, and the range of its set-points; NaN if it is not tracked."""
+    """The range of an output's set-points in its display unit; NaN if it is not tracked."""
 
     name: str
     unit: str
@@ -292,12 +292,12 @@ class SetPointRange:
 
     @property
     def moves(self) -> bool:
-        """Whether the output has a range: one whose references have no amplitude is weighed but stays at 0."""
+        """Whether the output has a range; one whose references have no amplitude is weighted but stays at 0."""
         return self.high > self.low
 
 
 def set_point_ranges(rig: Rig) -> tuple[SetPointRange, ...]:
-    """The outputs of a rig: set-points lie within its travel, less a margin, and within REACH of its own amplitude."""
+    """Set-point ranges of a rig's outputs: within its travel less a margin, and within REACH times its amplitude."""
     weights = defaults(rig, "controller")["output_weight"]
     amplitudes = defaults(rig, "reference")["amplitude"]
     found = []

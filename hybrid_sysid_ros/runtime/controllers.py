@@ -1,4 +1,4 @@
-"""Controllers: the one that the parameters of the node `controller` name."""
+"""Controllers from the parameters of the node `controller`."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 
 Warn = Callable[[str], object]
-"""Gets what a user should know."""
+"""Receives warnings for the user."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ConfiguredController:
-    """A controller, and what it was made of."""
+    """A controller with its problem and, if it has them, its network and supervisor."""
 
     controller: Controller
     problem: ControlProblem
@@ -44,8 +44,8 @@ class ConfiguredController:
 
 
 def policy_folder(rig: Rig, settings: Mapping[str, Any]) -> Path | None:
-    """Where the network is that drives; None where the exact MPC drives alone. Raises UserError where none comes with
-    the package and none is given.
+    """Folder of the network that drives; None where the exact MPC drives alone. Raises UserError where no network comes
+    with the package and none is given.
     """
     if settings["policy"] == "exact":
         return None
@@ -60,11 +60,10 @@ def controller_of(
     *,
     network: Policy | None = None,
 ) -> ConfiguredController:
-    """The controller that the settings name, for a model. In lockstep it takes its time, so that a run repeats.
+    """The controller that the settings choose, for a model. In lockstep it has no time limit, so that a run repeats.
 
-    A setting by whose name an extension provides a controller, where it is given, asks for that one. network: the
-    policy, where it is at hand already; else it is read from its folder.
-    Raises UserError where model, policy and settings don't go together.
+    A setting that has the name of an extension's controller chooses that controller. network: a loaded policy; by
+    default it is read from its folder. Raises UserError where model, policy and settings don't fit each other.
     """
     for name, target in extensions.targets("controllers").items():
         if settings.get(name):
@@ -74,12 +73,12 @@ def controller_of(
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings) if network is None else Path("policy")
     if path is None or settings["policy"] == "exact":
-        if settings["policy_path"]:  # whoever turns to it later should not find then that it does not fit
+        if settings["policy_path"]:  # a later change to it must not fail
             policy.load(Path(settings["policy_path"]), model=model)
         alone = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
         return ConfiguredController(controller=wrap_for_rig(rig, system, alone), problem=asked)
     if interior:
-        raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
+        raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt needs policy:=exact")
     if network is None:
         network = policy.load(path, model=model)
     doubt = _look_at(network, path, asked, settings, warn)
@@ -103,14 +102,14 @@ def _exact(system: System, problem: ControlProblem, settings: Mapping[str, Any])
 
 
 def pace(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """How long an exact MPC may take: its arguments real_time, time_limit and clock."""
+    """Arguments real_time, time_limit and clock of an exact MPC."""
     limit = math.inf if settings["lockstep"] else settings["time_limit"] or math.inf
     clock = None if math.isinf(limit) else perf_counter
     return {"real_time": settings["real_time"], "time_limit": limit, "clock": clock}
 
 
 def _interior_point(system: System, problem: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> Controller:
-    """IPOPT on the exact MPC's problem: slow, so it is for lockstep, and loaded only where it is asked for."""
+    """IPOPT on the exact MPC's problem. It is slow, so it is for lockstep, and it is loaded only on request."""
     if not settings["lockstep"]:
         warn("solver ipopt takes longer than a measurement's period: it is for lockstep")
     made: Controller = extensions.one("solvers", "ipopt")(system, problem)
@@ -118,7 +117,7 @@ def _interior_point(system: System, problem: ControlProblem, settings: Mapping[s
 
 
 def _look_at(network: Policy, path: Path, asked: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> str:
-    """Say what a user should know about a network; what its certificate leaves in doubt, in words.
+    """Warn of a network's deficiencies; return the doubt that its certificate leaves, in words.
 
     A network alone needs a certificate that is good enough; a supervised one, which the exact MPC stands behind, needs
     it where that is required. Raises UserError where it has none.
@@ -132,5 +131,5 @@ def _look_at(network: Policy, path: Path, asked: ControlProblem, settings: Mappi
     made = network.problem
     names = [item.name for item in fields(ControlProblem) if getattr(asked, item.name) != getattr(made, item.name)]
     if names:
-        warn(f"{path}: was trained with other values of {', '.join(names)} than the parameters say, and keeps them")
+        warn(f"{path}: was trained with other values of {', '.join(names)} than the parameters have, and keeps them")
     return found

@@ -1,4 +1,4 @@
-"""Plan: what a rig's demo learns from, how, and which reference its loop follows: the section demo of rig.yaml."""
+"""Recipe of a rig's demo, the section demo of rig.yaml: records, structure, and the loop's reference."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_u
 
 SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
 KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "reference", "scored")
-"""Of the section demo of rig.yaml."""
+"""Keys of the section demo of rig.yaml."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DemoRecords:
-    """What a demo learns from and is scored on."""
+class RecordSplit:
+    """Records on which a demo's model is trained and tested."""
 
     training: Sequence[Record]
     part: Part
-    """Of each training record."""
+    """The part of each training record that is used."""
     tests: Sequence[tuple[Record, Part]]
     names: Mapping[str, str] = field(default_factory=dict)
-    """What the summary calls a record, where that is another name than its own."""
+    """Names of records in the summary, where they differ from the records' own."""
     source: str = "simulated"
-    """simulated or real."""
+    """Whether the records are simulated or real."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,23 +40,23 @@ class DemoRecipe:
     """The section demo of a rig's file."""
 
     learn: tuple[str, ...]
-    """Bags to learn from."""
+    """Training bags."""
     part: Part
-    """Of each; it is scored on the rest."""
+    """Part of each training bag that is used; the rest is a test."""
     test: tuple[str, ...]
-    """Bags that it is scored on as a whole."""
+    """Test bags, which are used as a whole."""
     structure: str
     options: Options
-    """Of the structure."""
+    """Options of the structure."""
     sampling: Sampling
     reference: str
-    """Which one of the rig's the loop follows."""
+    """Name of the rig's reference that the loop follows."""
     scored: tuple[str, ...]
-    """Its parts where tracking is judged."""
+    """Names of the reference's parts in which tracking is judged."""
 
     @classmethod
     def of(cls, rig: Rig) -> DemoRecipe:
-        """Raises UserError where the section names what is not there; without one all is as usual, but for the bags."""
+        """The recipe of a rig, with defaults for a missing section. Raises UserError for unknown names in it."""
         given, where = section(rig.content, "demo", str(rig.file)), f"{rig.file}: demo"
         refuse_unknown(given, KEYS, where)
         usual = Sampling()
@@ -78,17 +78,17 @@ class DemoRecipe:
         )
 
     def places(self, rig: Rig) -> tuple[list[Path], list[Path]]:
-        """Those to learn from and those to test. Raises UserError where one is missing, or none is named."""
+        """Paths of training and test bags. Raises UserError where one is missing, or none is named."""
         if not self.learn:
-            raise UserError(f"{rig.file}: demo: is missing: give it bags to learn from, {{learn: [NAME, ...]}}")
+            raise UserError(f"{rig.file}: demo: is missing: give it training bags, {{learn: [NAME, ...]}}")
         return [_bag(rig, name) for name in self.learn], [_bag(rig, name) for name in self.test]
 
-    def records(self, rig: Rig) -> DemoRecords:
-        """The bags, from the rig's folder or those that ship. Raises UserError where one is missing."""
+    def records(self, rig: Rig) -> RecordSplit:
+        """The records of the bags, in the rig's folder or the package. Raises UserError where one is missing."""
         learnt, kept = ([bags.read(place, rig.signals) for place in places] for places in self.places(rig))
         rest = Part(start=self.part.stop) if self.part.stop < 1.0 else Part(stop=self.part.start)
         halves = [(record, rest) for record in learnt if (self.part.start, self.part.stop) != (0.0, 1.0)]
-        return DemoRecords(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
+        return RecordSplit(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
 
 
 def _names(given: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
@@ -100,7 +100,7 @@ def _names(given: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
 
 
 def _bag(rig: Rig, name: str) -> Path:
-    """A bag by its name."""
+    """The path of a bag by its name. Raises UserError where it is missing."""
     places = [folder / name for folder in (rig.folder / "bags", SHIPPED_BAGS)]
     for place in places:
         if place.is_dir():

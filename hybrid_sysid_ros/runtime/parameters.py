@@ -1,6 +1,6 @@
 """Parameters of nodes: declared once for all rigs in msgs_config/nodes.yaml, with the values of each rig's rig.yaml.
 
-A parameter that names a folder is empty where the folder is meant that comes with the package.
+An empty parameter for a folder means the folder that comes with the package.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapp
 
 DECLARATIONS = Path(__file__).parents[1] / "msgs_config" / "nodes.yaml"
 Declarations = dict[str, dict[str, dict[str, Any]]]
-"""By node and parameter."""
+"""Declarations by node and parameter."""
 EACH = ("input", "output", "state")
 OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "--layers"}
-"""Options of commands by which a user gives another folder than the shipped one."""
+"""Options of commands for another folder than the one that comes with the package."""
 TRAINED = Path(__file__).parents[1] / "trained"
 
 
 class NothingShippedError(UserError):
-    """Nothing of a kind comes with the package for a rig."""
+    """The package has no model, policy or layers for a rig."""
 
 
 def shipped(rig: str, kind: str) -> Path:
-    """Folder of what comes trained with the package for a rig; kind: model, policy or layers. Raises
-    NothingShippedError where nothing does.
+    """The folder in the package of a rig's trained model, policy or layers (kind). Raises NothingShippedError where
+    there is none.
     """
     folder = TRAINED / rig / kind
     if not folder.is_dir():
@@ -45,7 +45,7 @@ def shipped(rig: str, kind: str) -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class NodeParameter:
-    """A parameter of a node: its default, in its range or among its choices, and whether it may change while it runs.
+    """A parameter of a node: its default, its range or choices, and whether it may change while the node runs.
 
     Raises UserError when the default is not allowed.
     """
@@ -59,11 +59,11 @@ class NodeParameter:
     choices: tuple[str, ...] = ()
     live: bool = False
     above: str = ""
-    """Another parameter of the node, than which it must be larger."""
+    """Name of another parameter of the node, which must be smaller."""
     each: str = ""
-    """input, output or state: a list with a number for each of the rig's; "": one value."""
+    """input, output or state: the value is a list with a number for each of the rig's; "": one value."""
     count: int = 0
-    """Length of the list; 0 where no rig tells it."""
+    """Length of the list; 0 without a rig."""
 
     def __post_init__(self) -> None:
         items = self.default if self.each and isinstance(self.default, list) else [self.default]
@@ -77,12 +77,12 @@ class NodeParameter:
 
     @property
     def kind(self) -> type:
-        """bool, int, float or str; of a list that of its entries."""
+        """bool, int, float or str; for a list the type of its entries."""
         return float if self.each else type(self.default)
 
     @property
-    def said(self) -> str:
-        """What there is to say of it in a line."""
+    def comment(self) -> str:
+        """The parameter's description with unit, range and rules, in a line."""
         words = [f"{self.description}{f' [{self.unit}]' if self.unit else ''}"]
         words += [f"one for each {self.each}"] if self.each else []
         words += [f"within [{self.low:g}, {self.high:g}]"] if math.isfinite(self.low) else []
@@ -92,8 +92,8 @@ class NodeParameter:
         return "; ".join(words)
 
     def checked(self, value: Any) -> Any:
-        """Return the value as the parameter's kind (an integer does for a number); a list at its full length. Raises
-        UserError where it is of another kind or length, out of range or none of the choices.
+        """The value in the parameter's type (an integer is accepted as a number), a list at its full length. Raises
+        UserError for another type or length, and for a value out of range or not among the choices.
         """
         if not self.each:
             return self._one(value)
@@ -110,7 +110,7 @@ class NodeParameter:
         kind: Any = self.kind
         if kind is float and type(value) is int:
             value = float(value)
-        if type(value) is not kind:  # a truth value is no number
+        if type(value) is not kind:  # True is no number
             raise UserError(f"parameter {self.name} is {value!r}: it needs {KINDS[kind]}")
         if kind in (int, float) and not (math.isfinite(value) and self.low <= value <= self.high):
             unit = f" {self.unit}" if self.unit else ""
@@ -202,19 +202,19 @@ def _with_unit(item: NodeParameter, values: Mapping[str, Any]) -> str:
 
 
 def defaults(rig: Rig | str, node: str) -> dict[str, Any]:
-    """Value of each parameter of a node that nobody sets. Raises UserError: see parameters()."""
+    """The default of each parameter of a node. Raises UserError as parameters() does."""
     return _values(parameters(rig, node))
 
 
 def parameter_file(rig: Rig | str) -> str:
-    """A ROS parameter file of all nodes of a rig, with the values that it has where nobody says otherwise, for
-    ``--params-file``. Raises UserError: see parameters().
+    """A ROS parameter file of all nodes of a rig, with its default values, for ``--params-file``. Raises UserError as
+    parameters() does.
     """
     rig = rig if isinstance(rig, Rig) else load(rig)
     lines = [
         f"# The nodes of {rig.name}: ros2 run hybrid_sysid_ros controller --ros-args --params-file THIS_FILE",
-        "# What is live may be set while a node runs; the others are read when it is configured.",
-        "# A line in a node's own section goes before -p and before /**: delete those that you give otherwise.",
+        "# A parameter marked live may be set while a node runs; the others are read when it is configured.",
+        "# A line in a node's section takes precedence over -p and /**: delete the lines of values that you give so.",
         "/**:",
         "  ros__parameters:",
         f"    rig: {json.dumps(rig.source)}",
@@ -222,20 +222,20 @@ def parameter_file(rig: Rig | str) -> str:
     for node in declarations():
         lines += [f"/**/{node}:", "  ros__parameters:"]
         for name, item in parameters(rig, node).items():
-            lines += [f"    # {item.said}", f"    {name}: {json.dumps(item.default)}"]
+            lines += [f"    # {item.comment}", f"    {name}: {json.dumps(item.default)}"]
     return "\n".join(lines) + "\n"
 
 
 def declarations() -> Declarations:
-    """What nodes.yaml and the files of the extensions declare. An extension may give further parameters to a node that
-    is not its own; its file is left out where it is wrong or declares one of those that are there.
+    """Declarations of nodes.yaml and of the extensions' files. An extension may add parameters to another's node; its
+    file is left out where it is wrong or declares an existing parameter.
     """
     return read_declarations()[1]
 
 
 @cache
 def read_declarations() -> tuple[list[Path], Declarations]:
-    """The files that declare parameters and topics, the trunk's first, and the nodes of all of them."""
+    """The files with declarations of parameters and topics, the trunk's first, and the nodes in them."""
     every = section(read_mapping(DECLARATIONS), "every", str(DECLARATIONS))
     files, found = [DECLARATIONS], _joined(DECLARATIONS, {}, every)
     for name, path in ((item.name, item.declarations) for item in extensions.installed() if item.declarations):
@@ -243,12 +243,12 @@ def read_declarations() -> tuple[list[Path], Declarations]:
             found |= _joined(path, found, every)
             files.append(path)
         except UserError as error:
-            extensions.leave_out(f"what extension {name} declares of its nodes", error)
+            extensions.leave_out(f"the file of declarations of extension {name}", error)
     return files, found
 
 
 def _joined(path: Path, known: Declarations, every: Mapping[str, Any]) -> Declarations:
-    """The nodes of a file, with what is known of them. Raises UserError where that makes no sense on any rig."""
+    """Known declarations, extended by those of a file. Raises UserError for declarations that fit no rig."""
     where, content, joined = str(path), read_mapping(path), Declarations()
     refuse_unknown(content, ("nodes", "qos", "topics", *(("every",) if path == DECLARATIONS else ())), where)
     _ = section(content, "topics", where), section(content, "qos", where)
@@ -270,7 +270,7 @@ def _count(entry: Mapping[str, Any], rig: Rig) -> int:
 
 
 def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
-    """The declared unit with those of the rig's inputs, states, or shown outputs in it."""
+    """The declared unit, with the units of the rig's inputs, states or displayed outputs inserted."""
     unit = str(entry.get("unit", ""))
     units = {
         "INPUT": [item.unit for item in rig.system.inputs],
@@ -286,6 +286,6 @@ def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
 
 def _parameter(name: str, entry: Mapping[str, Any], where: str) -> NodeParameter:
     content = {"name": name, **entry}
-    if (limits := content.pop("range", "ACTUATOR")) != "ACTUATOR":  # those that a rig tells
+    if (limits := content.pop("range", "ACTUATOR")) != "ACTUATOR":  # ACTUATOR: the rig's limits
         content["low"], content["high"] = numbers(limits, f"{where}.range", count=2)
     return built(NodeParameter, content, where)

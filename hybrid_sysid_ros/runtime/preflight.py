@@ -19,8 +19,6 @@ from hybrid_sysid_ros.support.errors import UserErrors, collected
 
 TOLERANCE = 1e-9
 """Relative, of times that are sums."""
-Settings = dict[str, dict[str, Any]]
-"""All values of nodes, by node and name."""
 
 
 def check(rig: Rig, given: NodeValues) -> None:
@@ -54,9 +52,9 @@ def of_rig(rig: Rig) -> list[str]:
     return problems
 
 
-def settings_of(rig: Rig, given: NodeValues) -> tuple[Settings, list[str]]:
+def settings_of(rig: Rig, given: NodeValues) -> tuple[NodeValues, list[str]]:
     """All values of the nodes whose parameters are given, but of those that have wrong ones, and what is wrong."""
-    loop, problems = Settings(), list[str]()
+    loop, problems = dict[str, dict[str, Any]](), list[str]()
     for node, values in given.items():
         found, lines = settings(rig, node, values)
         problems += lines
@@ -65,7 +63,7 @@ def settings_of(rig: Rig, given: NodeValues) -> tuple[Settings, list[str]]:
     return loop, list(dict.fromkeys(problems))
 
 
-def _disagreements(rig: Rig, given: NodeValues, loop: Settings, horizon: float) -> Iterator[str]:
+def _disagreements(rig: Rig, given: NodeValues, loop: NodeValues, horizon: float) -> Iterator[str]:
     """Values of one node that do not go with those of another. horizon: of the controller [s]."""
 
     def at(node: str, name: str) -> str:
@@ -94,7 +92,7 @@ def _disagreements(rig: Rig, given: NodeValues, loop: Settings, horizon: float) 
         )
 
 
-def _of_nodes(rig: Rig, given: NodeValues, loop: Settings) -> list[str]:
+def _of_nodes(rig: Rig, given: NodeValues, loop: NodeValues) -> list[str]:
     """Why the nodes would not start, or not go together."""
     problems, models = list[str](), dict[str, Model]()
     if "plant" in loop:

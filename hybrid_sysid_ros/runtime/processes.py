@@ -1,4 +1,4 @@
-"""Processes: how a node is started: its command line, its environment and its priority."""
+"""Processes: the command line, environment and priority of a node's process."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserErrors
 
 COMPOSED = "composed"
-"""Node of several in one process."""
+"""Name of the node that runs several in one process."""
 REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
 LISTENING_PRIORITY = 1
 IN_LOOP = ("plant", "estimator", "controller")
 
 
 def command(node: str, values: Mapping[str, Any], *, rig: str = "", namespace: str = "") -> list[str]:
-    """Command that starts a node with these parameters; the others have their defaults. rig: by default the one that is
-    meant where none is named. Raises UserError where a parameter is unknown or not allowed.
+    """The command that starts a node with these parameters; the others have their defaults. rig: the default rig if it
+    is empty. Raises UserError where a parameter is unknown or not allowed.
     """
     given = _checked(rig, node, values)
     words = _beginning(node, rig=rig, namespace=namespace)
@@ -32,8 +32,8 @@ def command(node: str, values: Mapping[str, Any], *, rig: str = "", namespace: s
 
 
 def composed(values: Mapping[str, Mapping[str, Any]], file: Path, *, rig: str, namespace: str) -> list[str]:
-    """Command that starts nodes with their parameters in one process; they are written to a file, for ROS has no other
-    way to give a parameter to one of several. Raises UserError: see command().
+    """The command that starts nodes in one process. Their parameters are written to a file, since ROS has no other way
+    to give a parameter to one of several nodes. Raises UserError as command() does.
     """
     lines = []
     for node, given in values.items():
@@ -45,7 +45,7 @@ def composed(values: Mapping[str, Mapping[str, Any]], file: Path, *, rig: str, n
 
 
 def module(name: str, *arguments: str) -> list[str]:
-    """Command that runs a module, by its full name, that needs ROS and is no node of a rig itself."""
+    """The command that runs a module that needs ROS, by its full name."""
     return [sys.executable, "-m", name, *arguments]
 
 
@@ -55,7 +55,7 @@ def _beginning(node: str, *arguments: str, rig: str, namespace: str) -> list[str
 
 
 def _checked(rig: str, node: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values as the parameters of a node have them."""
+    """Checked values of a node's parameters. Raises UserError for unknown or wrong ones."""
     every, problems = configuration.settings(rigs.load(rig), node, values)
     if every is None or problems:
         raise UserErrors(problems)
@@ -63,7 +63,7 @@ def _checked(rig: str, node: str, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def permitted_priority() -> int:
-    """REAL_TIME_PRIORITY where this process may have one (as root, or by `ulimit -r`), else 0."""
+    """REAL_TIME_PRIORITY where this process may use it (as root, or by `ulimit -r`), else 0."""
     try:
         before = os.sched_getscheduler(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
@@ -74,16 +74,16 @@ def permitted_priority() -> int:
 
 
 def priority_of(node: str, loop: int) -> int:
-    """Real-time priority of a node where that of the loop's is `loop`.
+    """Real-time priority of a node, where the loop's nodes have the priority `loop`.
 
-    Whoever hears a message on this computer shares a lock with whoever sends it. So that no ordinary process keeps one
-    that holds it from going on, and the loop waiting, all that hear the loop come before the ordinary ones.
+    On one computer, publishers and subscribers of a message share a lock. All nodes that subscribe to the loop's topics
+    have a real-time priority, so that no ordinary process can delay the loop while it holds the lock.
     """
     return loop if node in IN_LOOP else min(loop, LISTENING_PRIORITY)
 
 
 def environment(domain: int | None = None) -> dict[str, str]:
-    """Environment of the nodes. What the user has set stays."""
+    """The environment of the nodes. Variables that the user has set stay."""
     found = dict(os.environ)
     if domain is not None:
         found["ROS_DOMAIN_ID"] = str(domain)

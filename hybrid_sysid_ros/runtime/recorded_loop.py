@@ -1,4 +1,4 @@
-"""A closed loop as a bag recorded it: tracking, input, and how late each command was."""
+"""A closed loop from a bag: tracking, inputs, and the delay of each command."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hybrid_sysid_ros.support.files import sha256
 
 MEASUREMENT, COMMAND, REFERENCE = "joint_states", "joint_command", "reference"
 MOTION = "motion"
-"""Where a simulated rig's joints truly were."""
+"""Topic with the true positions of a simulated rig's joints."""
 ONE_CLOCK = SECOND  # ns, largest median distance of a measurement's stamp from its logging if both are of one clock
 
 
@@ -41,49 +41,49 @@ class Delays:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopRecord:
-    """What happened at each measurement, by its stamp: p outputs, m inputs, SI units."""
+    """A recorded loop at the stamps of its measurements, with p outputs and m inputs, in SI units."""
 
     name: str
     rig: Rig
     stamps: NDArray[np.int64]
     """(samples,) [ns]."""
     time: Array
-    """Stamps since time zero, which is the stamp of the first reference message, (samples,) [s]."""
+    """Stamps relative to the stamp of the first reference message, (samples,) [s]."""
     outputs: Array
-    """Measured ones (samples, p); of a sensor that was out all the time the simulated rig's true ones, where told."""
+    """Measured outputs (samples, p); the simulated rig's true ones for a sensor without any reading, where recorded."""
     reference: Array
-    """The newest previews, straight lines between their points, (samples, p); NaN before the first, and for an output
-    that is not tracked.
+    """References from the newest previews, linear between their points, (samples, p); NaN before the first preview, and
+    for an output that is not tracked.
     """
     inputs: Array
-    """Applied from this stamp to the next, (samples, m)."""
+    """Inputs applied from each stamp to the next, (samples, m)."""
     command: Array
-    """What answered this measurement, (samples, m); NaN where nothing did."""
+    """Commands that answer each measurement, (samples, m); NaN where none does."""
     delay: Array
-    """From the stamp to the logging of the command with that stamp, (samples,) [s]; NaN without one, and everywhere
-    where stamps and log are not of one clock (lockstep).
+    """Time from a stamp to the logging of the command with that stamp, (samples,) [s]; NaN without a command, and
+    everywhere if stamps and log use different clocks (lockstep).
     """
     turnaround: Array
-    """From the logging of the measurement to that of the command, (samples,) [s]; both are the recorder's times, so
-    what keeps the recorder waiting is in there.
+    """Time from the logging of a measurement to the logging of its command, (samples,) [s]. Both are times of the
+    recorder, so its own delays are included.
     """
     late: NDArray[np.bool_]
-    """No command had come when the next measurement did (in lockstep: none came at all), (samples,); of the last
-    measurement nobody knows, so it is not.
+    """Whether no command had come before the next measurement (in lockstep: whether none came at all), (samples,);
+    False for the last measurement, for which this is unknown.
     """
     source: str = ""
     digest: str = ""
 
     @classmethod
     def from_bag(cls, path: Path | str, rig: Rig) -> LoopRecord:
-        """Read joint_states, joint_command and reference of a rig. Raises UserError where there is no such bag, topic
-        or field, a number is missing, or stamps run backwards.
+        """Read joint_states, joint_command and reference of a rig. Raises UserError where bag, topic, field or a number
+        is missing, or stamps run backwards.
         """
         return _Reading(Path(path), rig).loop()
 
     @property
     def is_real_time(self) -> bool:
-        """Whether stamps and log are of one clock, so that delays have a meaning."""
+        """Whether stamps and log use the same clock, so that delays have a meaning."""
         return bool(np.isfinite(self.delay).any())
 
     @property
@@ -101,10 +101,10 @@ class LoopRecord:
         return (self.time >= start) & (self.time < stop)
 
     def tracking_rmse(self, start: float = 0.0, stop: float = np.inf, *, output: int | None = None) -> float:
-        """Root mean square of reference minus measured output from `start` to `stop` [s], as the output is shown.
+        """Root mean square of reference minus measured output from `start` to `stop` [s], in the display unit.
 
-        output: which one, by default the first that is tracked. Raises UserError where the bag has no sample with a
-        reference there.
+        output: index of the output, by default the first that is tracked. Raises UserError where the bag has no sample
+        with a reference there.
         """
         chosen = next(iter(self.tracked), 0) if output is None else output
         error = self.error[self.within(start, stop), chosen]
@@ -130,7 +130,7 @@ class LoopRecord:
 
 
 class _Reading:
-    """One bag on its way into a LoopRecord."""
+    """The reading of one bag into a LoopRecord."""
 
     def __init__(self, path: Path, rig: Rig) -> None:
         self.path = path
@@ -195,7 +195,7 @@ class _Reading:
         )
 
     def measurements(self, field: str) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """Stamps of the measurements [ns], and the message in which each came first (some may come again)."""
+        """Stamps of the measurements [ns], and the index of the message in which each came first, since some repeat."""
         stamps = self.stamps(MEASUREMENT, field)
         backwards = np.diff(stamps) < 0
         if backwards.any():
@@ -208,11 +208,11 @@ class _Reading:
         return found
 
     def outputs(self, place: tuple[str, str], stamps: NDArray[np.int64], first: NDArray[np.intp]) -> Array:
-        """An output in its place (samples,) at the measurements' stamps, whose messages are ``first``."""
+        """An output (samples,) from its joint and field, at the measurements' stamps, whose messages are ``first``."""
         field = _field(*place)
         if np.isnan(self.values(MEASUREMENT, field)).all() and self.motion is not None and place[1] == "position":
             following = replace(self.motion, data=self.motion.data[1:], logged=self.motion.logged[1:])
-            columns = TopicColumns(following)  # the first one has the beginning alone, the others all steps of a period
+            columns = TopicColumns(following)  # the first has one state, others a period's steps
             newest = "points"
             try:
                 newest = _points(place, columns.entries("points"))[-1]
@@ -222,14 +222,14 @@ class _Reading:
         return self.finite(MEASUREMENT, field)[first]
 
     def answers(self, stamps: NDArray[np.int64], field: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """For each measurement the first command with its stamp: its message (0 for none), and the same with -1."""
+        """For each measurement the index of the first command with its stamp, with 0 for none, and with -1 for none."""
         known, first = np.unique(self.stamps(COMMAND, field), return_index=True)
         place = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
         answered = np.where(known[place] == stamps, first[place], -1)
         return np.maximum(answered, 0), answered
 
     def reference(self, stamps: NDArray[np.int64], places: Sequence[tuple[str, str]]) -> tuple[int, Array]:
-        """Time zero [ns], and the references of outputs in their places at each stamp (samples, p)."""
+        """Time zero [ns], and references at each stamp (samples, p), from the joints and fields of the outputs."""
         try:
             count = self.columns[REFERENCE].entries("points")
         except MissingInMessageError as error:
@@ -242,7 +242,7 @@ class _Reading:
             wanted = ", ".join(begins)
             raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: has none of {wanted}: is it of this rig?")
         sent = self.stamps(REFERENCE, "header.stamp.sec")
-        order = np.argsort(sent, kind="stable")[::-1]  # of one time the newest message tells
+        order = np.argsort(sent, kind="stable")[::-1]  # the newest message of equal times counts
         zero = int(sent.min())
         references = np.full((len(stamps), len(places)), np.nan)
         for k, fields in found.items():
@@ -254,14 +254,14 @@ class _Reading:
         return zero, references
 
     def has(self, topic: str, field: str) -> bool:
-        """Whether the messages have a field, with a number in the first."""
+        """Whether the messages have a field, and it is a number in the first."""
         try:
             return bool(np.isfinite(self.columns[topic].values(field)[0]))
         except MissingInMessageError:
             return False
 
     def finite(self, topic: str, field: str) -> Array:
-        """A field of all messages, all of them numbers."""
+        """A field of all messages. Raises UserError where one is not finite."""
         values = self.values(topic, field)
         if not np.isfinite(values).all():
             k = int(np.argmax(~np.isfinite(values)))

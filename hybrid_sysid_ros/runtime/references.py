@@ -1,4 +1,4 @@
-"""References: the signals that the parameters of the node `reference` ask for."""
+"""References from the parameters of the node `reference`."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ LINES = 20  # of the multisine
 
 
 def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
-    """The reference of a kind by the parameters: seconds in (any shape), the outputs as they are shown out (..., p).
-    Raises UserError where there is no such kind, or the multisine has no room between its lowest and highest frequency.
+    """The reference of a kind with the parameters: a function of times [s] (any shape) with outputs (..., p) in display
+    units. Raises UserError for an unknown kind, and for a multisine without room between its frequencies.
     """
     if kind in rig.references:
         return rig.references[kind]
@@ -35,7 +35,7 @@ def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
 
 
 def _signal(kind: str, settings: Mapping[str, Any], output: int, amplitude: float) -> Reference:
-    """One output's reference; those of several differ in what is random."""
+    """The reference of one output; each output has random numbers of its own."""
     frequency, seed = settings["frequency"], settings["seed"] + output
     if kind == "constant" or amplitude == 0.0:
         return constant(level=amplitude)

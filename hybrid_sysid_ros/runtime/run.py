@@ -1,4 +1,4 @@
-"""Run: the loop of a rig as processes, from their start to their end, and what it was asked to be."""
+"""Run: the loop of a rig as processes, from their start to their end."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ RunProgress = Callable[[float, float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class RunResult:
-    """How a run went.
+    """The result of a run.
 
     diagnostics: the last values of each node by key (see /diagnostics), numbers as numbers.
-    interrupted: it was ended from outside. bag: what was recorded, if anything.
+    interrupted: whether it was ended from outside. bag: path of the recording, if any.
     """
 
     diagnostics: Mapping[str, Mapping[str, Any]]
@@ -45,35 +45,35 @@ class Run:
     """Plant, estimator, controller and reference of a rig, each in a process, until the reference has ended."""
 
     rig: str = ""
-    """Name or path, the default one by default."""
+    """Name or path of the rig; "" for the default one."""
     policy: str = "supervised"
     policy_path: Path | str = ""
     solver: str = "sqp"
     model: Path | str = ""
     rate: float | None = None
-    """Of measurements [Hz], the rig's by default."""
+    """Rate of measurements [Hz], the rig's by default."""
     duration: float = 0.0
-    """Of the reference [s]; 0: its own, or until Ctrl-C."""
+    """Length of the reference [s]; 0: its own length, or until Ctrl-C."""
     lockstep: bool = False
-    """As fast as the nodes are, in simulated time."""
+    """Whether it runs in simulated time, as fast as the nodes answer."""
     reference: str = ""
     """A kind, or one of the rig's by name, its first by default."""
     bag: Path | str | None = None
     """Folder to record all topics into."""
     overwrite: bool = False
     companions: Sequence[Companion] = ()
-    """What extensions add to it."""
+    """Companions from extensions."""
     domain: int | None = None
     priority: int | None = None
-    """Of plant, estimator and controller as real-time processes; None: a modest one where the system permits it."""
+    """Real-time priority of plant, estimator and controller; None: a modest one where the system permits it."""
     composed: bool = False
-    """Those of the loop in one process."""
+    """Whether the loop's nodes run in one process."""
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """More of them, by node and name."""
+    """Further parameters by node and name."""
     tell: Report = print
-    """Gets lines for the user."""
+    """Receives lines for the user."""
     progress: RunProgress = lambda seconds, duration: None
-    """Gets the seconds since the start, and how many there will be (0: unknown)."""
+    """Receives the seconds since the start, and the expected total (0: unknown)."""
 
     def go(self) -> RunResult:
         """Start the nodes, wait for their end, and stop them.
@@ -116,7 +116,7 @@ class Run:
 
     @property
     def values(self) -> NodeValues:
-        """Parameters of the nodes that run. Raises UserError for those of a node that does not."""
+        """Parameters of the nodes that run. Raises UserError for parameters of other nodes."""
         values = self._of_the_loop()
         if self.bag is not None:
             values[RECORDER] = {"path": str(self.bag), "overwrite": self.overwrite}
@@ -165,7 +165,7 @@ class Run:
         }
 
     def _expected(self, values: NodeValues) -> float:
-        """How long it takes [s]; 0 where nobody knows."""
+        """Expected duration of the run [s]; 0 where it is unknown."""
         schedule = self._described.references.get(values["reference"]["kind"] or self._described.reference)
         own = schedule.duration if schedule else 0.0
         return 0.0 if self.lockstep else values["reference"]["duration"] or own
@@ -173,7 +173,7 @@ class Run:
 
 @contextmanager
 def _naming(bag: Path | str | None) -> Iterator[None]:
-    """Let an error say where the recording is, if there is one."""
+    """Add the place of the recording, if there is one, to errors."""
     if bag is None:
         return (yield)
     before = _number(bag)
@@ -182,17 +182,17 @@ def _naming(bag: Path | str | None) -> Iterator[None]:
     except UserError as error:
         if _number(bag) in (None, before) or str(bag) in str(error):
             raise
-        raise UserError(f"{error}; what was recorded is in {bag}") from error
+        raise UserError(f"{error}; the recording is in {bag}") from error
 
 
 def _number(path: Path | str) -> int | None:
-    """By which the file system knows a file or folder, whatever is renamed; None where there is none."""
+    """The file system's number of a file or folder, which renaming does not change; None where there is none."""
     return os.stat(path).st_ino if os.path.exists(path) else None
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Any signal that ends a loop interrupts once; further ones do nothing, so that no node is left behind."""
+    """Let the first signal that ends a loop interrupt it and ignore others, so that no node is left behind."""
     if threading.current_thread() is not threading.main_thread():
         return (yield)
 

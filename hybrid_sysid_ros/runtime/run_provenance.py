@@ -1,4 +1,4 @@
-"""Belongings: what explains a run, kept in its bag: by node its parameters, and the folders that these name."""
+"""Provenance of a run, kept in its bag: the parameters of each node, and the folders that they name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 PARAMETERS = "parameters.yaml"
 FOLDERS = {"model": "model", "policy": "policy_path"}
-"""By what is in them, the parameters that name folders; empty ones mean what is shipped."""
+"""Parameters that name folders, by their content; an empty one means the folder in the package."""
 
 
 def parameter_attachment(node: str, values: Mapping[str, Any]) -> dict[str, bytes]:
@@ -26,8 +26,8 @@ def parameter_attachment(node: str, values: Mapping[str, Any]) -> dict[str, byte
 
 
 def folders(node: str, values: Mapping[str, Any]) -> dict[str, Path]:
-    """The folders that a node of these parameters reads, by the names that they have as attachments, NODE/model and
-    NODE/policy. Raises UserError where nothing is shipped that the parameters mean.
+    """The folders that a node with these parameters reads, by the names of their attachments, NODE/model and
+    NODE/policy. Raises UserError where the package lacks a folder that the parameters need.
     """
     found = {}
     for kind, name in FOLDERS.items():
@@ -37,7 +37,7 @@ def folders(node: str, values: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def parameters(found: Mapping[str, bytes], node: str) -> dict[str, Any]:
-    """The parameters of a node out of a bag's attachments, {} where it has none. Raises UserError where they are
+    """The parameters of a node from a bag's attachments, {} where there are none. Raises UserError where they are
     unreadable.
     """
     name = f"{node}/{PARAMETERS}"

@@ -1,4 +1,4 @@
-"""Session: starts the nodes of a rig as processes, waits for their end and stops them; needs no ROS itself."""
+"""Session: starts the nodes of a rig as processes, waits for their end and stops them, without ROS in this process."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
 STOPPED_FIRST = ("plant", "reference", COMPOSED)
 STOPPED_LAST = ("recorder",)
-"""And what is not needed, as it may want to see the end; all others between them."""
+"""Nodes that are stopped last, together with those that are not needed, which may want to see the end."""
 TICK = 0.25  # s, between two calls of progress
 
 
 @dataclass(kw_only=True)
 class Child:
-    """A node's process, the words it has said on its standard output, and the last line of its complaints."""
+    """A node's process, its words on standard output, and the last line of its standard error."""
 
     node: str
     process: subprocess.Popen[str]
@@ -47,18 +47,18 @@ class Child:
 
 
 def has_ros() -> bool:
-    """Whether there is ROS for this Python."""
+    """Whether ROS is available for this Python."""
     return importlib.util.find_spec("rclpy") is not None
 
 
 def check_ros() -> None:
-    """Raises UserError without ROS for this Python, before long work that ends in nodes."""
+    """Raise UserError without ROS for this Python; called before long work that ends in nodes."""
     if not has_ros():
         raise UserError("no rclpy for this Python: install hybrid_sysid_ros[ros], or source a ROS 2 Jazzy")
 
 
 class Session:
-    """Processes of nodes, as a context that leaves none behind. `tell` gets what they log, line by line."""
+    """Processes of nodes, as a context that leaves none behind. `tell` receives their log lines."""
 
     def __init__(self, rig: str, *, domain: int | None = None, tell: Report = print) -> None:
         """rig: name or path. domain: ROS_DOMAIN_ID; by default the environment's.
@@ -101,13 +101,13 @@ class Session:
         """Start a node's process; needed: whether the session ends when it does, also once it was ready."""
         process = subprocess.Popen(
             command,
-            stdin=subprocess.PIPE,  # which ends with this process, however that does
+            stdin=subprocess.PIPE,  # which closes when this process ends in any way
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
             env=self._environment,
-            start_new_session=True,  # Ctrl-C comes here, and they are stopped in their order
+            start_new_session=True,  # Ctrl-C reaches only this process, which stops them in order
         )
         self._stopped = False
         child = self.children[node] = Child(node=node, process=process, needed=needed)
@@ -116,8 +116,8 @@ class Session:
             child.listeners[-1].start()
 
     def wait_for(self, word: str, nodes: Sequence[str], timeout: float) -> None:
-        """Wait until each of the nodes has said a word ("ready", "started"). Raises UserError where one of all the
-        nodes ended, or the time is over.
+        """Wait until each of the nodes has said a word ("ready", "started"). Raises UserError where any node ended, or
+        the time is over.
         """
         end = time.monotonic() + timeout
         while waiting := [node for node in nodes if word not in self.children[node].words]:
@@ -132,8 +132,8 @@ class Session:
         return self.children[node].words if node in self.children else set()
 
     def wait_for_end(self, nodes: Sequence[str], progress: Callable[[float], None]) -> None:
-        """Wait until one of these nodes has ended well; `progress` gets the seconds waited. Raises UserError where a
-        node ended that should not, or did not end well.
+        """Wait until one of these nodes has ended without an error; `progress` receives the seconds waited. Raises
+        UserError where a node failed or ended too early.
         """
         begin = time.monotonic()
         while True:
@@ -157,7 +157,7 @@ class Session:
                 for child in running:
                     if number == signal.SIGKILL:
                         self._tell(f"{child.node} does not end: killed")
-                    # Before it is ready, Python itself would complain about an interrupt.
+                    # Before it is ready, Python itself would print a traceback for an interrupt.
                     child.process.send_signal(number if "ready" in child.words else max(number, signal.SIGTERM))
                 while time.monotonic() < end and any(child.process.poll() is None for child in running):
                     self._receive(0.02)
@@ -171,7 +171,7 @@ class Session:
         }
 
     def check_end(self) -> None:
-        """Raise UserError for a node that told of a failure, as a recorder that could not write, or did not end."""
+        """Raise UserError for a node that did not end, or failed, such as a recorder that could not write."""
         for child in self.children.values():
             status = child.process.poll()
             if status is None or status > 0 or status == -signal.SIGKILL:
@@ -200,13 +200,13 @@ class Session:
                 self._lines.put((child, stream, line.rstrip()))
 
     def _receive_last(self, child: Child) -> None:
-        """Take in the last words of a node that has ended."""
+        """Receive the last words of a node that has ended."""
         for listener in child.listeners:
             listener.join(STOP_TIMEOUTS[-1][1])
         self._receive(0.0)
 
     def _receive(self, timeout: float) -> None:
-        """Take in what the nodes say, for `timeout` [s] if they say nothing."""
+        """Receive the nodes' words, waiting up to `timeout` [s] for them."""
         try:
             entry = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
             while True:
@@ -224,5 +224,5 @@ class Session:
             child.words.add(line)
         elif line:
             child.complaint = line
-            if not line.startswith("error: "):  # that one becomes the session's own error
+            if not line.startswith("error: "):  # errors become the session's own error
                 self._tell(f"{child.node}: {line}")

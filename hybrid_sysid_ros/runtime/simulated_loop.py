@@ -1,4 +1,4 @@
-"""A closed loop of a rig in one process: its simulated plant, the estimator and references of its configuration."""
+"""A closed loop of a rig in one process: its simulated plant, and the estimator of its configuration."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def simulated_loop(
     plant: Plant | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> ClosedLoop:
-    """A loop of ``duration`` [s] under a controller at its own period, or above a stabiliser at the estimator's rate,
-    without delays of computation.
+    """Simulate a loop of ``duration`` [s] under a controller at its own period, or above a stabiliser at the
+    estimator's rate, without delays of computation.
 
-    reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out. plant: the simulated rig by
-    default. settings: parameters of the node `estimator`, the rig's by default.
+    reference: a function of times (samples,) [s] with outputs (samples, p) in display units. plant: the simulated rig
+    by default. settings: parameters of the node `estimator`, the rig's by default.
     """
     model, values = estimator_model(rig, model), settings or configuration.defaults(rig, "estimator")
     period = 1.0 / values["rate"] if isinstance(controller, Cascade) else controller.period
@@ -60,7 +60,7 @@ def simulated_loop(
 def predicted_plant(
     rig: Rig, system: System, *, disturbance: ArrayLike = 0.0, seed: int = 0, noisy: bool = False
 ) -> Plant:
-    """A rig that is what a model of it says, with its actuators and stops; noisy: with its sensors' noise, by the seed.
+    """A simulated rig that moves as a model predicts, with the rig's actuators and stops; noisy: with sensor noise.
 
     disturbance: constant offset of each input (m,).
     """

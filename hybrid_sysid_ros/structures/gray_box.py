@@ -1,4 +1,4 @@
-"""Gray boxes: the rig's own system, others that the rig offers, or the linear one of its signature with a friction."""
+"""Gray boxes: the rig's system, further ones that the rig provides, or a linear system with a friction law."""
 
 from __future__ import annotations
 
@@ -18,47 +18,47 @@ from hybrid_sysid_ros.support.arrays import Array
 
 FIT_OPTIONS = {
     "starts": Option(
-        default=1, low=1, high=32, kind="int", description="points where a fit begins; the best one goes on"
+        default=1, low=1, high=32, kind="int", description="Initial points of the fit; the best one is used."
     ),
     "input_bias": Option(
         default=0.0,
         low=0.0,
         high=0.05,
         kind="float",
-        description="prior deviation of a constant bias of each record's inputs, as part of their span; 0: none",
+        description="Prior deviation of a constant input bias of each record, relative to the span; 0: no bias.",
     ),
 }
-"""Of every fit of physics."""
+"""Options of every fit of physics."""
 STRAIGHT = "straight"
-"""The linear system without a state in another one's rate, on which a black box stands."""
+"""The linear system in which no state is in another one's rate, on which a black box builds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearisedLaw:
-    """The rig's own law about the mean of training data, where a fit begins."""
+    """The rig's law at its initial values, linearised around the mean of training data."""
 
     states: Array
     """Derivatives of the rates of the declared states by these, (states, states)."""
     inputs: Array
-    """The same by the inputs, (states, inputs)."""
+    """Derivatives by the inputs, (states, inputs)."""
     efforts: tuple[float, ...]
-    """What the inputs do to each rate in the magnitude of the data, (states,)."""
+    """Effect of the inputs on each rate, at the magnitudes of the data, (states,)."""
 
     @classmethod
     def of(cls, physics: System, sizes: Magnitudes) -> LinearisedLaw:
-        """Of a rig's own system."""
+        """The linearised law of a rig's system."""
         own = physics.with_values([item.start for item in physics.parameters])
         n, at = len(own.declared_states), sizes.centre
         a, b = linearised(own, np.append(at[:n], np.zeros(len(own.states) - n)), at[n:])
-        # Where the inputs do nothing to a rate, or what they do is out of an entry's reach from what states do, the
-        # states count. What states do to a velocity says little: springs between positions cancel.
+        # Where inputs have no effect on a rate, or one outside an entry's bounds relative to the states' effect, the
+        # states' effect counts. On velocities it says little, since springs between positions cancel.
         effects, through = np.abs(b) @ sizes.scales[n:], np.abs(a) @ sizes.scales[:n]
         moves = np.isin(np.arange(n), [*own.kinematics.values()])
         effects = np.where(effects > np.where(moves, 0.0, through / REACH), effects, through)
         return cls(states=a, inputs=b, efforts=tuple(scale_of(value) if value > 0.0 else 1.0 for value in effects))
 
     def entries(self, system: Linear) -> dict[str, float]:
-        """Where the entries of a linear system begin."""
+        """Initial values of the entries of a linear system."""
         rows = [item.name for item in system.origin.declared_states]
         columns = [*rows, *(item.name for item in system.origin.inputs)]
         known, found = {item.name for item in system.parameters}, {}
@@ -80,7 +80,7 @@ class GrayBox(Structure):
 
     @property
     def own(self) -> System | None:
-        """The system that the rig brings for it; None for the linear one of the rig's signature."""
+        """The system that the rig provides for it; None for the linear system."""
         return self.boxes.get(self.name, self.physics if self.name == "gray" else None)
 
     @property
@@ -118,11 +118,11 @@ class GrayBox(Structure):
         return system.without([term for term in system.terms if not options.get(term, 1)])
 
     def initial_guess(self, system: System, context: FitContext) -> System:
-        """A linear system where regression over one sample tells its entries, by the trapezoidal rule.
+        """A linear system with initial entries from a regression over one sample, by the trapezoidal rule.
 
             (x(k + 1) - x(k)) / T = A (x(k) + x(k + 1)) / 2 + B u(k) + c - F sgn v
 
-        for each rate whose state is shown and which none that is not shown acts on, as far as the rig's own law begins.
+        for each rate of a measured state on which no unmeasured state acts in the rig's law at its initial values.
         """
         if not isinstance(system, Linear):
             return system

@@ -1,4 +1,4 @@
-"""Hybrids: physics with something learned in its rates or closures, fitted together or one after the other."""
+"""Hybrids: physics with a learned part in its rates or closures, fitted together or one after the other."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from hybrid_sysid_ros.models.structure import Magnitudes, Option, Options, Struc
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, LinearisedLaw
 from hybrid_sysid_ros.support.arrays import Array
 
-RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
-MEMBERS = Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean")
+RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="Penalty of a network's weights.")
+MEMBERS = Option(default=1, low=1, high=10, kind="int", description="Number of averaged networks.")
 LEARNED_OPTIONS = {
     "scale": Option(
-        default=1.0, low=0.01, high=1.0, kind="log", description="size of the network, as part of what the inputs do"
+        default=1.0, low=0.01, high=1.0, kind="log", description="Size of the network, relative to the inputs' effect."
     ),
     "everywhere": Option(
-        default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only where friction is"
+        default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only those with friction."
     ),
     "ridge": RIDGE,
     **FIT_OPTIONS,
@@ -32,13 +32,13 @@ LEARNED_OPTIONS = {
 
 
 class JointHybrid(Structure):
-    """Physics and what is learned, all fitted at once."""
+    """Physics and a learned part, fitted together."""
 
     summary = "physics and a network, fitted together"
     seeded = True
     default_box = "linear"
     everywhere: ClassVar[bool] = False
-    """Whether something is learned on all rates, whatever the options say."""
+    """Whether the learned part is on all rates, whatever the options are."""
 
     @property
     def options(self) -> Mapping[str, Option]:
@@ -86,7 +86,7 @@ class JointHybrid(Structure):
         return hybrid, held
 
     def initialised(self, context: FitContext, seed: int) -> tuple[Hybrid, tuple[str, ...]]:
-        """The hybrid where a fit begins, told where its training data are, and the parameters that are held."""
+        """The hybrid with initial values from its training data, and the names of the parameters that are held."""
         from hybrid_sysid_ros.identification.starting import initialised
 
         system, held = self.build(context.magnitudes, context.options, seed)
@@ -115,7 +115,7 @@ class BlackBox(JointHybrid):
 
 
 class FrozenHybrid(JointHybrid):
-    """Physics that is fitted first and then left as it is, while a network learns beside it."""
+    """Physics that is fitted first and held afterwards, while a network learns the residual."""
 
     summary = "physics, then a network beside it"
 
@@ -126,11 +126,10 @@ class FrozenHybrid(JointHybrid):
 
 
 class AnchoredHybrid(JointHybrid):
-    """The gray box first; then networks of several seeds about it, averaged into one, so that they learn what the
-    physics leaves and no single seed decides.
+    """Fits the gray box first, then networks of several seeds on it, which are averaged into one, so that they learn
+    the residual of the physics and no single seed decides.
 
-    The physics' parameters stay near those of the gray box. Closures that are corrected leave no room for them to
-    move in: then they stay as they are.
+    The physics' parameters stay near those of the gray box. Where closures are corrected, the parameters are held.
     """
 
     summary = "physics, then a small network with the physics held near"
@@ -179,7 +178,7 @@ def closures_of(system: System, options: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def rates_of(system: System, *, everywhere: bool) -> tuple[str, ...]:
-    """States to whose rates a network adds: those that carry contacts, or all that don't just follow a velocity."""
+    """States to whose rates a network adds: those with contacts, or all except positions that follow a velocity."""
     carriers = tuple(dict.fromkeys(contact.on for contact in system.contacts))
     if carriers and not everywhere:
         return carriers

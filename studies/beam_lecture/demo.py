@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.demo import OUT, Out, Train, demo
-from hybrid_sysid_ros.runtime.demo_recipe import DemoRecords
+from hybrid_sysid_ros.runtime.demo_recipe import RecordSplit
 from studies.beam_lecture.lecture import RIG, arrange, read_folder, table_name
 
 
@@ -20,7 +20,7 @@ def command(
     """The demo on the author's records: protocol 2, then the loop."""
     protocol = arrange(read_folder(folder), 2)
     names = {record.name: table_name(record.name) for record, _ in protocol.tests}
-    records = DemoRecords(
+    records = RecordSplit(
         training=protocol.training, part=protocol.part, tests=protocol.tests, names=names, source="real"
     )
     demo(out or OUT, records, rig=RIG, train=train)

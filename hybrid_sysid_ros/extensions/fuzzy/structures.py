@@ -19,8 +19,8 @@ from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structure import Option, Structure
 
 LAGS = {
-    "output_lags": Option(default=2, low=0, high=6, kind="int", description="past outputs, 0: of inputs alone"),
-    "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
+    "output_lags": Option(default=2, low=0, high=6, kind="int", description="Past outputs; 0: inputs alone."),
+    "input_lags": Option(default=2, low=1, high=6, kind="int", description="Past inputs."),
 }
 
 
@@ -107,7 +107,7 @@ class DifnnStructure(FuzzyStructure):
     def options(self) -> Mapping[str, Option]:
         return {
             **{name: replace(option, default=1) for name, option in LAGS.items()},
-            "terms": Option(default=5, low=1, high=40, kind="int", description="of each lag and of each output"),
+            "terms": Option(default=5, low=1, high=40, kind="int", description="Terms of each lag and of each output."),
             "least": Option(
                 default=3, low=1, high=1000, kind="int", description="samples that a rule must be the winner of"
             ),

@@ -26,10 +26,10 @@ class NarxStructure(Structure):
     @property
     def options(self) -> Mapping[str, Option]:
         return {
-            "output_lags": Option(default=1, low=1, high=6, kind="int", description="past outputs"),
-            "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
-            "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
-            "terms": Option(default=4, low=0, high=40, kind="int", description="of an output, 0 for BIC's number"),
+            "output_lags": Option(default=1, low=1, high=6, kind="int", description="Past outputs."),
+            "input_lags": Option(default=2, low=1, high=6, kind="int", description="Past inputs."),
+            "degree": Option(default=3, low=1, high=3, kind="int", description="Degree of the polynomial."),
+            "terms": Option(default=4, low=0, high=40, kind="int", description="Terms of an output; 0: by the BIC."),
         }
 
     def sampling(self, asked: Sampling) -> Sampling:

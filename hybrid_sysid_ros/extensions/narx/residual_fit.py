@@ -188,12 +188,12 @@ def _sizes(values: Array, share: float = 1.0) -> Array:
 
 
 def _earlier(values: Array, lag: int) -> Array:
-    """The same so many samples ago; before the first one it is as there."""
+    """A series ``lag`` samples ago; before the first one it is constant."""
     return np.concatenate([np.full(lag, values[0]), values[: len(values) - lag]])
 
 
-def _change(values: Array, remembered: Sequence[float]) -> Array:
-    """What its memory does not tell of a series' next value, (samples - lags,)."""
-    lags, count = len(remembered), len(values)
-    predicted = [a * values[lags - 1 - j : count - 1 - j] for j, a in enumerate(remembered)]
+def _change(values: Array, coefficients: Sequence[float]) -> Array:
+    """Innovations of a series under autoregressive coefficients, (samples - lags,)."""
+    lags, count = len(coefficients), len(values)
+    predicted = [a * values[lags - 1 - j : count - 1 - j] for j, a in enumerate(coefficients)]
     return np.asarray(values[lags:] - np.sum(predicted, axis=0))

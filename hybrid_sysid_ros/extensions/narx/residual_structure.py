@@ -19,11 +19,11 @@ from hybrid_sysid_ros.structures.hybrid import MEMBERS, RIDGE
 TOLERANCE, ITERATIONS = 1e-4, 80
 """Of the residual's fit: its feedback makes the cost's valleys long and narrow."""
 OPTIONS = {
-    "output_lags": Option(default=3, low=1, high=6, kind="int", description="past residuals of each output"),
-    "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
-    "units": Option(default=12, low=0, high=32, kind="int", description="of the residual's network, 0: none"),
-    "degree": Option(default=1, low=0, high=3, kind="int", description="of the residual's polynomial, 0: none"),
-    "terms": Option(default=0, low=0, high=40, kind="int", description="products in it for an output, 0 for BIC's"),
+    "output_lags": Option(default=3, low=1, high=6, kind="int", description="Past residuals of each output."),
+    "input_lags": Option(default=2, low=1, high=6, kind="int", description="Past inputs."),
+    "units": Option(default=12, low=0, high=32, kind="int", description="Units of the residual's network; 0: none."),
+    "degree": Option(default=1, low=0, high=3, kind="int", description="Degree of the residual's polynomial; 0: none."),
+    "terms": Option(default=0, low=0, high=40, kind="int", description="Products for an output; 0: by the BIC."),
     "members": MEMBERS,
     "ridge": replace(RIDGE, default=0.3),
     **FIT_OPTIONS,

@@ -23,7 +23,7 @@ class RecurrentStructure(Structure):
 
     @property
     def options(self) -> Mapping[str, Option]:
-        return {"units": Option(default=24, low=2, high=64, kind="int", description="hidden states of the GRU")}
+        return {"units": Option(default=24, low=2, high=64, kind="int", description="Hidden states of the GRU.")}
 
     def sampling(self, asked: Sampling) -> Sampling:
         return replace(asked, step=step_within(asked.period) if asked.input == "averaged" else asked.period)

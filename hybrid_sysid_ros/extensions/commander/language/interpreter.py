@@ -9,12 +9,12 @@ import numpy as np
 from hybrid_sysid_ros.extensions.commander.language import grammar
 from hybrid_sysid_ros.extensions.commander.language.command_interface import Reply
 from hybrid_sysid_ros.extensions.commander.language.commands import Command, PictureTarget, Repeat, Sentence
+from hybrid_sysid_ros.extensions.commander.language.descriptions import description
 from hybrid_sysid_ros.extensions.commander.language.eyes import Eyes
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Simulator, Start
 from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan, plan_of
 from hybrid_sysid_ros.extensions.commander.language.sentence import MOST
-from hybrid_sysid_ros.extensions.commander.language.telling import description
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

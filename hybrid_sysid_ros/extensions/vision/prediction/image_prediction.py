@@ -78,7 +78,7 @@ class PredictedFrame:
     deviation: float
     """Its standard deviation [rad]."""
     drift: float
-    """Share of the rig's own drift of the inputs' offsets that was believed."""
+    """Share of the rig's own drift of the inputs' offsets that was used."""
     picture: Picture
 
 
@@ -106,11 +106,10 @@ def looks(
 ) -> Iterator[PredictedFrame]:  # fmt: skip
     """Frames that a model predicts ``ahead`` [s] from what the camera had shown before, and the inputs on the way.
 
-    Filters with the rig's own tuning, one for each of ``drifts``, follow the frames alone; the record's outputs are not
-    looked at. record: sampled at the model's step. noise: deviation of a frame, in the unit of the first output; see
-    :func:`.camera_loop.frame_noise`. drifts: shares of the drift that the tuning lets the inputs' offsets have;
-    believed is the one whose predictions, the farthest ones, have been the likeliest so far. seed: of the motions that
-    the band is told by.
+    Filters with the rig's own tuning, one for each of ``drifts``, follow the frames alone and not the record's outputs.
+    record: sampled at the model's step. noise: deviation of a frame, in the unit of the first output; see
+    :func:`.camera_loop.frame_noise`. drifts: shares of the tuning's drift of the inputs' offsets; the share is used
+    whose farthest predictions have been the likeliest so far. seed: that of the motions that make the band.
     """
     system, step, settings = model.model.system, record.sampling_time, configuration.defaults(rig, "estimator")
     tuning = configuration.estimator_tuning({**settings, "camera_noise": noise}, rig, system)
@@ -138,7 +137,7 @@ def looks(
             for wanted, frame in zip(ahead, frames, strict=True)
             if frame < len(watched.times) and watched.times[frame] - time <= following[-1]
         }
-        believed = max(motions, key=lambda motion: motion.likelihood)
+        likeliest = max(motions, key=lambda motion: motion.likelihood)
         for motion in motions:
             states, deviations = motion.run_on(inputs, past)
             for wanted, frame in shown.items():
@@ -147,7 +146,7 @@ def looks(
                 deviation = float(np.interp(there, following, deviations[:, place]))
                 if wanted == max(shown):
                     motion.expect(frame, position, deviation)
-                if motion is believed:
+                if motion is likeliest:
                     yield PredictedFrame(
                         frame=frame,
                         newest=used - 1,

@@ -125,9 +125,9 @@ def inside(found: Sequence[PredictedFrame], watched: Watched) -> float:
 
 def test_an_input_without_an_offset_is_predicted_as_one(model_folder: Path, shown: tuple[Record, Watched]) -> None:
     record, watched = shown
-    believed, alone = foretold(model_folder, record, watched), foretold(model_folder, record, watched, (1.0,))
-    assert {look.drift for look in believed} <= {0.0, 0.1}
-    assert rms(believed, watched) < 0.7 * rms(alone, watched)
+    chosen, alone = foretold(model_folder, record, watched), foretold(model_folder, record, watched, (1.0,))
+    assert {look.drift for look in chosen} <= {0.0, 0.1}
+    assert rms(chosen, watched) < 0.7 * rms(alone, watched)
 
 
 @pytest.mark.parametrize("turns", [False, True])
@@ -135,11 +135,11 @@ def test_an_input_with_an_offset_is_followed(model_folder: Path, shown: tuple[Re
     record, watched = shown
     offset = 0.3 * np.sign(record.time - 15.0) if turns else np.full(record.samples, 0.3)  # V
     record = replace(record, input=record.input - offset[:, None])
-    believed, alone, without = (foretold(model_folder, record, watched, drifts) for drifts in (DRIFTS, (1.0,), (0.0,)))
-    assert 0.0 not in {look.drift for look in believed}
-    assert rms(believed, watched) < 1.1 * rms(alone, watched) < 0.5 * rms(without, watched)
+    chosen, alone, without = (foretold(model_folder, record, watched, drifts) for drifts in (DRIFTS, (1.0,), (0.0,)))
+    assert 0.0 not in {look.drift for look in chosen}
+    assert rms(chosen, watched) < 1.1 * rms(alone, watched) < 0.5 * rms(without, watched)
     if not turns:  # a jump is what no band of a drift tells
-        assert inside(believed, watched) > 0.9
+        assert inside(chosen, watched) > 0.9
 
 
 def test_a_picture_model_is_a_model_with_layers_in_its_folder(model_folder: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Telling: commands in words again, as they were understood."""
+"""Descriptions: commands in words, as they were interpreted."""
 
 from __future__ import annotations
 
