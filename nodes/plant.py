@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from random import Random
 from time import perf_counter
 
@@ -17,6 +17,7 @@ from hybrid_sysid_ros.nodes.joint_motion import JointMotion
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates
 from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
+from hybrid_sysid_ros.nodes.stop_by_hand import StopByHand
 from hybrid_sysid_ros.nodes.timing import Timeline, Timing
 from hybrid_sysid_ros.rigs.joints import FILTERED
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -36,6 +37,9 @@ class PlantNode(RigNode):
 
     In real time a command acts from the moment it comes (to the rig's next step); in lockstep the command that answers
     a measurement acts from that measurement's stamp on, and the next one follows at once.
+
+    Inputs at rest that somebody else than the controller commands are a stop by hand: the plant asks the controller to
+    stop, too, and obeys nobody until it has, or until its own service enable or reset is called.
     """
 
     NAME = "plant"
@@ -65,7 +69,8 @@ class PlantNode(RigNode):
         self.motion = JointMotion(self.rig, self.steps, self.signature)
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * self.rig.step * SECOND))
         self.rested()
-        self.started = False
+        self.hand.release()
+        self.started = self.controlled = False
 
     def rested(self) -> None:
         """Put the inputs to rest, whatever was to come."""
@@ -87,8 +92,13 @@ class PlantNode(RigNode):
             self.frames = self.listen(self.validator("camera/joint_states"), "camera/joint_states", self.on_frame)
         self.when(self.is_matched, self.wait)
 
+    @cached_property
+    def hand(self) -> StopByHand:
+        """Stops by somebody else than the controller."""
+        return StopByHand(self)
+
     def own_services(self) -> Mapping[str, Callable[[], object]]:
-        return {"reset": partial(self.soon, self.again)}
+        return {"reset": partial(self.soon, self.again), "enable": self.hand.release}
 
     def again(self) -> None:
         """Let the rig go anew, from where it is at first."""
@@ -211,18 +221,40 @@ class PlantNode(RigNode):
         inputs = self.entry.read(joints, self.inputs)
         if inputs is None or not all(map(math.isfinite, inputs)):
             return
-        if inputs == self.rest and not self.lockstep and not self.answers.awaits(stamp):
+        resting = inputs == self.rest and not self.lockstep
+        if resting and self.is_by_hand(joints):
             self.stops += 1
-        elif not self.entry.accepts_source(joints.source):
+            if self.controlled:
+                self.hand.stop(self.answers)
+            self.obey(inputs)
             return
-        elif not self.answers.answer(stamp, time):
-            if not self.is_direct(stamp, time):
-                self.rejected += 1
-                return
+        if not self.entry.accepts_source(joints.source):
+            return
+        if resting and not self.answers.awaits(stamp):
+            self.stops += 1
+        elif self.answers.answer(stamp, time):
+            self.controlled = True
+        elif self.is_direct(stamp, time):
             self.direct += 1
+            self.controlled = False
+        else:
+            self.rejected += 1
+            return
         self.entry.select_source(joints.source)
-        self.drive.command(inputs, (self.plant.time if self.lockstep else time) + self.settings["command_delay"])
+        if self.hand.holds(self.answers.answered) and not resting:
+            self.hand.disobeyed += 1
+            return
+        self.obey(inputs)
         self.go_on()
+
+    def obey(self, inputs: Sequence[float]) -> None:
+        """Put a command in force."""
+        self.drive.command(inputs, (self.plant.time if self.lockstep else self.time) + self.settings["command_delay"])
+
+    def is_by_hand(self, joints: JointStates) -> bool:
+        """Whether inputs at rest are commanded by somebody else than the controller, whose stamps are measurements'."""
+        known = self.answers.measurement(joints.stamp) is not None
+        return not known and (not joints.stamp or joints.source != self.entry.source)
 
     def go_on(self) -> None:
         """In lockstep: to the next measurement, if this one is answered and all frames that are due are read."""
@@ -280,6 +312,8 @@ class PlantNode(RigNode):
             "measurements without an answer": answers.missed,
             "measurements left out": self.overruns,
             "commands that answer nothing": self.rejected,
+            "stops by hand": self.hand.count,
+            "commands after a stop by hand": self.hand.disobeyed,
             "times at rest for want of commands": drive.timeouts,
             "steps at the end of the travel": self.plant.stopped,
             "times the clock was set": self.timeline.sets,
@@ -294,6 +328,9 @@ class PlantNode(RigNode):
             "rejected_commands": self.rejected + sum(self.entry.dropped.values()),
             "direct_commands": self.direct,
             "stops": self.stops,
+            "stops_by_hand": self.hand.count,
+            "stopped_by_hand": self.hand.latched,
+            "disobeyed_commands": self.hand.disobeyed,
             "steps_at_travel_end": self.plant.stopped,
             "command_timeouts": drive.timeouts,
             "saturated_commands": drive.saturated,
@@ -303,7 +340,8 @@ class PlantNode(RigNode):
             **answers.delay.report("delay"),
             **self.lateness.report("timer_lateness"),
         }
-        return [self.silent(self.judged("loop", troubles, answers.latest + 1, **values), "joint_command")]
+        task = self.judged("loop", troubles, answers.latest + 1, **values)
+        return [self.hand.noted(self.silent(task, "joint_command"))]
 
 
 main = partial(run, PlantNode)

@@ -71,6 +71,16 @@ class Bench:
         self.context.try_shutdown()
 
 
+def ask(bench: Bench, kind: Any, name: str, request: Any) -> Any:
+    """Call a service as a tool would."""
+    client = bench.probe.create_client(kind, name)
+    bench.until(client.service_is_ready)
+    answer = client.call_async(request)
+    bench.until(answer.done)
+    bench.probe.destroy_client(client)
+    return answer.result()
+
+
 def joint(
     stamp: int,
     *,

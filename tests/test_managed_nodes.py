@@ -38,7 +38,7 @@ from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
-from tests.node_bench import VOLT, Bench
+from tests.node_bench import VOLT, Bench, ask
 from tests.test_controller_node import Wheel
 from tests.test_estimator_node import Clients
 
@@ -46,16 +46,6 @@ CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACT
 DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
 MEMORY = 2.0
 """MB by which seventy nodes may grow a process."""
-
-
-def ask(bench: Bench, kind: Any, name: str, request: Any) -> Any:
-    """Call a service as a tool would."""
-    client = bench.probe.create_client(kind, name)
-    bench.until(client.service_is_ready)
-    answer = client.call_async(request)
-    bench.until(answer.done)
-    bench.probe.destroy_client(client)
-    return answer.result()
 
 
 def change(bench: Bench, node: str, transition: int) -> bool:

@@ -12,14 +12,16 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.nodes import plant as plant_module
+from hybrid_sysid_ros.nodes.diagnostics import OK
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.validation import Reason
 from hybrid_sysid_ros.rigs.actuator import Actuator
-from tests.node_bench import Bench, joint, stamp_of
+from tests.node_bench import Bench, ask, joint, stamp_of
 
 
 class Drill:
@@ -145,6 +147,80 @@ def test_a_second_controller_is_noticed_and_not_heard(bench: Bench) -> None:
     assert max(message.effort[0] for message in drill.measurements) == 2.0
     drill.plant.report()
     assert any("another publisher" in task.message for task in drill.plant.health()) or drill.plant.troubles
+
+
+class Controlled(Drill):
+    """A plant that a controller drives, beside which others speak."""
+
+    def say(self, effort: float, source: str, stamp: int | None = None) -> None:
+        message = joint(stamp_of(self.measurements[-1]) if stamp is None else stamp, effort=[effort])
+        message.header.frame_id = source
+        self.commands.publish(message)
+
+    def drive(self, effort: float) -> float:
+        """The controller answers; what the rig got two periods later."""
+        self.say(effort, "controller")
+        self.following()
+        self.following()
+        return float(self.measurements[-1].effort[0])
+
+    def driven(self, effort: float) -> None:
+        """The controller answers until the rig gets what it says."""
+        self.bench.until(lambda: self.drive(effort) == effort)
+
+
+@pytest.mark.parametrize("source", ["", "a person", "controller"])
+@pytest.mark.parametrize("stamped", ["not", "now", "long ago"])
+def test_somebody_else_s_zero_stops_until_the_plant_is_enabled(bench: Bench, source: str, stamped: str) -> None:
+    if source == "controller" and stamped != "not":
+        pytest.skip("as a controller that winds down")
+    drill = Controlled(bench, rate=100.0, command_timeout=10.0)
+    drill.driven(2.0)
+    drill.say(0.0, source, {"not": 0, "now": drill.plant.now(), "long ago": SECOND}[stamped])
+    bench.until(lambda: drill.measurements[-1].effort[0] == 0.0)
+    for effort in (3.0, 0.0, 4.0):
+        assert drill.drive(effort) == 0.0
+    (task,) = drill.plant.health()
+    assert task.level != OK
+    assert "1 stops by hand" in task.message
+    assert "service enable" in task.message
+    assert ask(bench, Trigger, "plant/enable", Trigger.Request()).success
+    drill.driven(3.0)
+
+
+def test_a_controller_that_stops_too_is_obeyed_again(bench: Bench) -> None:
+    """From then on its own service says when it drives."""
+    stopped: list[int] = []
+
+    def stop(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        stopped.append(1)
+        response.success = True
+        return response
+
+    bench.probe.create_service(Trigger, "controller/stop", stop)
+    drill = Controlled(bench, rate=100.0, command_timeout=10.0)
+    bench.until(drill.plant.hand._client.service_is_ready)
+    drill.driven(2.0)
+    drill.say(0.0, "", 0)
+    bench.until(lambda: stopped and drill.plant.hand._last_old < math.inf)
+    drill.following()
+    drill.driven(1.0)
+    assert not drill.plant.hand.latched
+    drill.say(0.0, "", 0)  # soon after: it is not asked again, and the plant itself keeps the stop
+    bench.until(lambda: drill.measurements[-1].effort[0] == 0.0)
+    assert drill.drive(1.0) == 0.0
+    assert len(stopped) == 1
+
+
+def test_a_stranger_s_command_is_refused_while_the_controller_lives(bench: Bench) -> None:
+    drill = Controlled(bench, rate=100.0, command_timeout=10.0, silence=10.0)
+    drill.driven(2.0)
+    newest = stamp_of(drill.measurements[-1])
+    for effort, stamp in ((5.0, 0), (5.0, drill.plant.now()), (5.0, newest), (0.0, newest)):
+        drill.say(effort, "stranger", stamp)
+    bench.until(lambda: drill.plant.entry.dropped[Reason.OTHER] == 4)
+    drill.driven(2.0)
+    assert not drill.plant.hand.count
 
 
 def test_in_lockstep_an_unanswered_measurement_is_repeated_as_it_was(
