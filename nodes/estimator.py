@@ -108,7 +108,7 @@ class EstimatorNode(RigNode):
     def on_measurement(self, joints: JointStates) -> None:
         """Answer a measurement."""
         began = perf_counter()
-        given = self.entry.read(joints, self.adapter.measured)
+        given = self.entry.read(joints, self.adapter.measured, optional=len(self.adapter.applied))
         if given is not None and (order := self.entry.admit(joints)) is not None:
             self.answer(given, joints.stamp, order, began)
 
@@ -219,6 +219,7 @@ class EstimatorNode(RigNode):
         left_out = dict(zip(self.names, self.adapter.monitor.counts, strict=True))
         values = {
             "invalid_entries": counters.invalid,
+            "unknown_inputs": counters.unknown_inputs,
             "gated_outliers": counters.gated,
             "resets": counters.resets,
             "camera_measurements": self.seen,

@@ -140,9 +140,10 @@ class MessageValidator:
             self._forms.clear()
         self._forms[size] = form
 
-    def read(self, joints: JointStates, slots: Slots) -> list[float] | None:
+    def read(self, joints: JointStates, slots: Slots, *, optional: int = 0) -> list[float] | None:
         """Return a message's numbers, NaN where one is missing or beyond the bounds of its slot; None if the message
-        names none of the slots' entries. What is missing or wrong is counted once a message.
+        names none of the slots' entries. What is missing or wrong is counted once a message. optional: how many of the
+        last numbers may be NaN, which is to say unknown.
         """
         values = slots.read(joints.names, joints.lists)
         if all(map(le, slots.low, values)) and all(map(le, values, slots.high)):
@@ -150,7 +151,11 @@ class MessageValidator:
         if not slots.named:
             self.drop(Reason.UNRELATED)
             return None
+        needed = len(values) - optional
         wrong = [k for k, value in enumerate(values) if not slots.low[k] <= value <= slots.high[k]]
+        wrong = [k for k in wrong if k < needed or not math.isnan(values[k])]
+        if not wrong:
+            return values
         if slots.named < len(slots):
             self.drop(Reason.UNNAMED)
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from sensor_msgs.msg import JointState
 
+from hybrid_sysid_ros.nodes.diagnostics import OK
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.validation import Reason
@@ -41,9 +43,9 @@ class Clients:
         bench.until(lambda: self.estimator.estimates and self.estimator.estimates.get_subscription_count())
         self.stamp = 100 * SECOND
 
-    def measure(self, position: float, *, step: int = 1, name: str = "beam") -> None:
+    def measure(self, position: float, *, step: int = 1, name: str = "beam", effort: Sequence[float] = (1.0,)) -> None:
         self.stamp += step * self.period
-        self.measurements.publish(joint(self.stamp, name=[name], position=[position], effort=[1.0]))
+        self.measurements.publish(joint(self.stamp, name=[name], position=[position], effort=effort))
 
     def estimate(self, position: float, **options: Any) -> JointState:
         count = len(self.estimates)
@@ -108,6 +110,19 @@ def test_a_measurement_that_is_no_number_is_predicted_over(bench: Bench, model_f
     counters = clients.estimator.adapter.filter.counters
     assert counters.invalid == 1
     assert clients.estimator.entry.dropped == {Reason.NO_NUMBER: 1, Reason.UNRELATED: 1}
+
+
+@pytest.mark.parametrize("effort", [[math.nan], []], ids=["NaN", "none"])
+def test_an_effort_that_is_not_known_is_no_fault(bench: Bench, model_folder: Path, effort: list[float]) -> None:
+    clients = Clients(bench, model_folder)
+    for _ in range(20):
+        answer = clients.estimate(0.01, effort=effort)
+    assert answer.position[0] == pytest.approx(0.01, abs=1e-3)
+    assert not clients.estimator.entry.dropped
+    assert {task.name: task.level for task in clients.estimator.health()}.items() >= {"loop": OK, "sensor": OK}.items()
+    clients.estimate(0.01, effort=[math.inf])
+    assert clients.estimator.entry.dropped == {Reason.OUT_OF_RANGE: 1}
+    assert clients.estimator.adapter.filter.counters.unknown_inputs == 20
 
 
 def test_a_first_measurement_that_is_no_number_is_not_answered(bench: Bench, model_folder: Path) -> None:

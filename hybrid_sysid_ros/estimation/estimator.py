@@ -57,7 +57,9 @@ class Counters:
     missing: int = 0
     """Measurements that a gap in the stamps swallowed."""
     invalid: int = 0
-    """Values and inputs that are NaN or infinite; not used."""
+    """Values that are NaN or infinite; not used."""
+    unknown_inputs: int = 0
+    """Inputs that are no numbers; in their place the last known ones hold."""
     gated: int = 0
     """Outliers by the innovation test; not used."""
     resets: int = 0
@@ -258,7 +260,8 @@ class Estimator(ABC):
         used = int((valid & (fates == USED)).sum())
         counters.updates += used
         counters.delayed += used * delayed
-        counters.invalid += int((~valid).sum()) + int(core["wrong"])
+        counters.invalid += int((~valid).sum())
+        counters.unknown_inputs += int(core["wrong"])
         gated = valid & (fates == GATED)
         counters.gated += int(gated.sum())
         patience = self.tuning.patience

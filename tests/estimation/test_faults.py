@@ -49,7 +49,7 @@ def test_a_measurement_that_is_no_number_is_counted_and_predicted_over(running, 
 def test_an_input_that_is_no_number_is_the_one_before(running):
     ours, _, t, _ = running
     estimate = ours.update(t + PERIOD, np.array([0.0]), np.array([np.nan]))
-    assert ours.counters.invalid == 1
+    assert (ours.counters.unknown_inputs, ours.counters.invalid) == (1, 0)
     assert ours.counters.updates == 202
     assert abs(estimate.state[1]) < 1e-3
 
