@@ -46,6 +46,11 @@ ASTRAY = 0.3
 """Time [s] of evidence against an estimate after which it begins anew from the next measurement: it has gone astray,
 and the way back may be long."""
 LONGEST = 0.05  # s, that one measurement counts as evidence, however long ago the last one was
+OF_PROBLEM = {
+    *("output_weight", "rate_weight", "input_weight", "rate_limit", "input_low", "input_high"),
+    *("state_low", "state_high", "soft_linear", "soft_quadratic"),
+}
+"""Parameters that a network was trained with."""
 WARM_UPS = 6  # answers of a controller before it drives
 COMPILING = 1.0  # s, from which on an answer of it has compiled something
 
@@ -235,6 +240,13 @@ class ControllerAdapter:
         self.guard.begin()
         if self.supervisor is not None:
             self.supervisor.reasons.clear()
+
+    def check_changed(self, names: frozenset[str]) -> None:
+        """Raise UserError where one of these parameters can't be changed because the network was trained with it."""
+        if self.network is not None and (kept := sorted(names & OF_PROBLEM)):
+            raise UserError(
+                f"parameter {kept[0]}: the network keeps the one that it was trained with; policy exact takes it"
+            )
 
     def judge(self, joints: JointStates, elapsed: float) -> LoopState:
         """The level that the guard allows after an estimate, ``elapsed`` [s] after the one before."""

@@ -29,17 +29,12 @@ from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.nodes.validation import StampOrder
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
 
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
 TIMES = {"stale_after", "zero_after", "stop_seconds", "warn_share", "error_share", "stale_seconds"}  # not the adapter's
 STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_after, no longer
 REFERENCE_PATIENCE = 3 * SECOND  # that a controller waits for somebody who gives references
-OF_PROBLEM = {  # parameters that a network was trained with
-    *("output_weight", "rate_weight", "input_weight", "rate_limit", "input_low", "input_high"),
-    *("state_low", "state_high", "soft_linear", "soft_quadratic"),
-}
 
 
 class ControllerNode(RigNode):
@@ -77,21 +72,19 @@ class ControllerNode(RigNode):
 
     def use(self, adapter: ControllerAdapter) -> None:
         """Answer with an adapter from now on."""
+        if self.active:
+            adapter.guard.go_on(self.adapter.guard)
         self.adapter, self.sources = adapter, adapter.sources
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
         if names <= TIMES:
             return super().prepare(settings, names)
         adapter = self.adapter_of(settings)
-        if adapter.network is not None and (kept := sorted(names & OF_PROBLEM)):
-            raise UserError(
-                f"parameter {kept[0]}: the network keeps the one that it was trained with; policy exact takes it"
-            )
+        adapter.check_changed(names)
         return partial(self.use, adapter)
 
     def activate(self) -> None:
-        self.layers: Counter[str] = Counter()
-        self.statuses: Counter[str] = Counter()
+        self.layers, self.statuses = Counter[str](), Counter[str]()
         self.clipped = self.ended = self.repeated = 0
         self.execution, self.age = Timing(), Timing()
         self.output = CommandOutput(self.open("effort_command"), self.open("predicted_trajectory"))

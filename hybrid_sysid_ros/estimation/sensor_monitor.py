@@ -170,7 +170,7 @@ class SensorMonitor:
             self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
         agrees = math.isfinite(square) and self._mean[k] < AGREES * self._largest
         if self._suspicion[k].add(0.0 if agrees else CLEAREST, elapsed) == 0.0 or self._out[k] > TRIAL:
-            self.left_out[k], self._mean[k] = False, 1.0
+            self.left_out[k], self._mean[k], self._suspicion[k].seconds = False, 1.0, 0.0
 
     def _may_leave(self, k: int) -> bool:
         others = [j for j in range(len(self._spare)) if j != k]

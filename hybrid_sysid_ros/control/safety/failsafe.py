@@ -66,6 +66,12 @@ class Failsafe:
         for suspicion in self._suspicions.values():
             suspicion.seconds = 0.0
 
+    def go_on(self, other: Failsafe) -> None:
+        """Take over the level and the suspicions of another one with the same kinds of evidence."""
+        self.state, self.reason, self.tripped = other.state, other.reason, other.tripped
+        for name, suspicion in self._suspicions.items():
+            suspicion.seconds = other._suspicions[name].seconds
+
     def judge(self, evidence: Mapping[str, float], elapsed: float) -> LoopState:
         """Take in evidence of the last ``elapsed`` [s], as multiples of the thresholds; return the level now."""
         most, name = 0.0, ""

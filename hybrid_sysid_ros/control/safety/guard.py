@@ -78,6 +78,11 @@ class Guard:
         self._recent[:] = np.clip(0.0, self.settings.low, self.settings.high)
         self._row = 0
 
+    def go_on(self, other: Guard) -> None:
+        """Go on where another guard of the loop is, which this one replaces."""
+        self.failsafe.go_on(other.failsafe)
+        self.governor, self._recent, self._row = other.governor, other._recent, other._row
+
     def judge(self, doubt: float, without: float, applied: Array, state: Array, elapsed: float) -> LoopState:
         """The level from an estimate. doubt, without: of the estimator, NaN where it says nothing. applied (m,): inputs
         that acted, NaN where that is not known. state (n,). elapsed: since the last estimate [s].

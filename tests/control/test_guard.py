@@ -1,0 +1,145 @@
+"""Guard: the ladder from evidence to rest, the governor of references, and what commands may do."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.control.safety.failsafe import AGAIN, ROOM, Failsafe, Ladder, LoopState
+from hybrid_sysid_ros.control.safety.governor import ReferenceGovernor
+from hybrid_sysid_ros.control.safety.guard import ACTUATOR, ESTIMATE, RANGE, RECENT, Guard, GuardSettings
+from hybrid_sysid_ros.estimation.suspicion import CLEAREST
+
+LADDER = Ladder(slowed=0.1, holding=0.2, resting=0.3)
+STEP = 0.005
+UNKNOWN = np.full(1, math.nan)
+
+
+def guard(**changes):
+    given = {
+        "act": True, "ladder": LADDER, "slow_share": 0.5, "resume_rate": np.array([2.0]), "tolerance": 0.05,
+        "low": np.array([-10.0]), "high": np.array([10.0]), "rate": np.array([np.inf]),
+        "state_low": np.array([-1.0, -np.inf]), "state_high": np.array([1.0, np.inf]), **changes,
+    }  # fmt: skip
+    return Guard(GuardSettings(**given))
+
+
+def judge(found, steps, *, doubt=0.0, without=0.0, applied=UNKNOWN, state=(0.0, 0.0)):
+    return [found.judge(doubt, without, applied, np.array(state), STEP) for _ in range(steps)]
+
+
+def test_evidence_climbs_the_ladder_one_level_after_the_other():
+    """At twice the threshold suspicion is the time; each level comes after its own."""
+    failsafe = Failsafe(LADDER, ["a", "b"])
+    levels = [failsafe.judge({"a": 2.0, "b": 0.0}, 0.01) for _ in range(35)]
+    for level, after in zip((LoopState.SLOWED, LoopState.HOLDING, LoopState.RESTING), LADDER, strict=True):
+        assert levels.index(level) == pytest.approx(after / 0.01 - 1, abs=1)
+    assert failsafe.reason == "a"
+    assert list(failsafe.tripped.values()) == [1, 1, 1]
+
+
+def test_the_way_back_has_hysteresis_and_takes_a_known_time():
+    failsafe = Failsafe(LADDER, ["a"])
+    for _ in range(1000):
+        failsafe.judge({"a": 1e9}, 0.01)
+    assert failsafe.state is LoopState.RESTING
+    levels = [failsafe.judge({"a": 0.0}, 0.001) for _ in range(400)]
+    assert levels == sorted(levels, reverse=True)
+    left = next(k for k, level in enumerate(levels) if level < LoopState.RESTING) * 0.001
+    assert left == pytest.approx((ROOM - AGAIN) * LADDER.resting, abs=0.003)
+    back = levels.index(LoopState.DRIVING) * 0.001
+    assert back == pytest.approx(ROOM * LADDER.resting - AGAIN * LADDER.slowed, abs=0.003)
+    assert failsafe.reason == ""
+
+
+def test_evidence_below_its_threshold_never_trips():
+    failsafe = Failsafe(LADDER, ["a"])
+    assert {failsafe.judge({"a": 0.99}, 0.1) for _ in range(10_000)} == {LoopState.DRIVING}
+
+
+def test_a_governor_leads_on_at_its_rate_and_is_free_when_it_has_met():
+    governor, times = ReferenceGovernor(1), np.array([0.1, 0.2, 0.3])
+    preview, rate = np.full((3, 1), 5.0), np.array([10.0])
+    assert governor.follow(np.array([5.0]), preview, times, rate, 0.1, keep=False) is preview
+    governor.begin(np.array([0.0]))
+    found = governor.follow(np.array([5.0]), preview, times, rate, 0.1, keep=False)
+    assert found[:, 0] == pytest.approx([2.0, 3.0, 4.0])
+    assert not governor.free
+    for _ in range(4):
+        governor.follow(np.array([5.0]), preview, times, rate, 0.1, keep=False)
+    assert governor.free
+    assert governor.reference == pytest.approx([5.0])
+
+
+def test_doubt_slows_holds_and_rests():
+    found = guard()
+    levels = judge(found, 100, doubt=2.0)
+    assert [levels[k] for k in (0, 25, 45, 65)] == [0, 1, 2, 3]
+    assert "measurements" in found.reason
+
+
+def test_a_missing_sensor_slows_and_no_more():
+    assert set(judge(guard(), 100, without=1.0)) == {LoopState.SLOWED}
+
+
+def test_who_is_told_only_to_tell_drives_on():
+    found = guard(act=False)
+    assert set(judge(found, 100, doubt=5.0)) == {LoopState.DRIVING}
+    assert found.failsafe.state is LoopState.RESTING
+
+
+def test_an_actuator_is_held_against_the_recent_commands():
+    found = guard()
+    for command in (3.0, 5.0):
+        found.commanded(np.array([command]))
+    judge(found, 1, applied=np.array([4.0]))
+    assert found.evidence[ACTUATOR] <= 0.0
+    judge(found, 1, applied=np.array([-1.0]))
+    assert found.evidence[ACTUATOR] == pytest.approx(1.0)  # a volt below rest, of a tolerance of a volt
+    judge(found, 1)
+    assert found.evidence[ACTUATOR] == 0.0, "what acts is not known"
+    for _ in range(RECENT):
+        found.commanded(np.array([8.0]))
+    levels = judge(found, 60, applied=np.array([0.0]))
+    assert levels[-1] is LoopState.RESTING
+    assert "actuator" in found.reason
+
+
+def test_a_state_outside_its_range_is_evidence():
+    found = guard()
+    judge(found, 1, state=(1.04, 1e6))
+    assert found.evidence[RANGE] == pytest.approx(1.0)
+    judge(found, 1, state=(math.nan, 0.0))
+    assert found.evidence[RANGE] == 0.0
+
+
+def test_no_evidence_is_worth_more_than_the_clearest():
+    found = guard()
+    judge(found, 1, doubt=math.inf)
+    assert found.evidence[ESTIMATE] == math.inf
+    assert found.failsafe.judge({ESTIMATE: math.nan}, 1e-9) is LoopState.DRIVING
+    assert LADDER.slowed > (CLEAREST - 1.0) * STEP
+
+
+def test_slowed_inputs_stay_near_rest_and_within_their_bounds():
+    found = guard()
+    assert found.slowed(np.array([9.0]), np.zeros(1)) == pytest.approx([5.0])
+    assert found.slowed(np.array([9.0]), np.array([8.0])) == pytest.approx([9.0])
+    assert found.slowed(np.array([12.0]), np.array([8.0])) == pytest.approx([10.0])
+
+
+def test_a_command_is_no_faster_than_its_actuator():
+    found = guard(rate=np.array([40.0]))
+    assert found.followed(np.array([10.0]), np.array([0.0]), STEP) == pytest.approx([0.2])
+    assert guard().followed(np.array([10.0]), np.array([0.0]), STEP) == pytest.approx([10.0])
+
+
+def test_a_slowed_reference_moves_slowly_and_a_held_one_does_not():
+    found, times = guard(), np.array([1.0])
+    now, preview = np.array([4.0]), np.array([[4.0]])
+    assert found.reference(LoopState.DRIVING, now, preview, times, STEP) is preview
+    found.reference(LoopState.SLOWED, np.array([0.0]), preview, times, STEP)
+    assert found.reference(LoopState.SLOWED, now, preview, times, 1.0) == pytest.approx(np.array([[2.0]]))
+    assert found.reference(LoopState.HOLDING, now, preview, times, 1.0) == pytest.approx(np.array([[1.0]]))
+    assert found.reference(LoopState.DRIVING, now, preview, times, 0.5) == pytest.approx(np.array([[4.0]]))
+    assert found.governor.reference == pytest.approx([2.0])

@@ -1,0 +1,147 @@
+"""Suspicion, frozen sensors, and sensors that contradict the model."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.estimation.sensor_monitor import (
+    AVERAGE,
+    BLAMELESS,
+    TRIAL,
+    FrozenSensorDetector,
+    SensorMonitor,
+    spare_sensors,
+)
+from hybrid_sysid_ros.estimation.suspicion import CLEAREST, Suspicion
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime.configuration import defaults, estimator_tuning
+
+STEP = 0.005
+
+
+def monitor(spare=(True, True), **changes):
+    given = {"largest": 9.0, "least": 0.02, "leave_after": 0.05, "timeout": 0.1, **changes}
+    return SensorMonitor(spare, [1.0] * len(spare), **given)
+
+
+def judge(found, squares, *, readings=None, expected=None, steps=1):
+    squares = np.asarray(squares, dtype=float)
+    for _ in range(steps):
+        found.judge(np.zeros(len(squares)) if readings is None else np.array(readings), squares, expected, STEP)
+
+
+def test_suspicion_is_the_time_beyond_the_threshold():
+    suspicion = Suspicion(1.0)
+    assert suspicion.add(2.0, 0.1) == pytest.approx(0.1)
+    assert suspicion.add(0.0, 0.04) == pytest.approx(0.06)
+    assert suspicion.add(math.nan, 1.0) == 0.0
+    assert suspicion.add(1e9, 0.01) == pytest.approx((CLEAREST - 1.0) * 0.01)
+    assert suspicion.add(1e9, 10.0) == 1.0
+
+
+def test_white_noise_is_not_frozen_and_what_stands_still_is():
+    noise = np.random.default_rng(0).normal(0.0, 0.1, 5000)
+    detector = FrozenSensorDetector(0.1, after=20)
+    assert not any(detector.is_frozen(value) for value in noise)
+    dithered = [1.0 + 0.02 * (k % 2) for k in range(40)]
+    found = [detector.is_frozen(value) for value in dithered]
+    assert not any(found[:20])
+    assert all(found[21:])
+    assert detector.count == sum(found)
+    assert not detector.is_frozen(1.3)
+
+
+@pytest.mark.parametrize(("noise", "after"), [(0.0, 20), (0.1, 0)])
+def test_a_sensor_without_noise_is_never_frozen(noise, after):
+    detector = FrozenSensorDetector(noise, after=after)
+    assert not any(detector.is_frozen(1.0) for _ in range(100))
+
+
+def test_squares_of_a_right_model_are_no_evidence():
+    found, squares = monitor(), np.random.default_rng(1).chisquare(1, (20_000, 2))
+    for row in squares:
+        judge(found, row)
+        assert found.doubt < 1.0
+    assert found.counts == [0, 0]
+
+
+def test_one_wild_reading_is_no_evidence():
+    found = monitor()
+    judge(found, [1e9, 1.0])
+    judge(found, [1.0, 1.0], steps=200)
+    assert found.left_out == [False, False]
+
+
+def test_a_sensor_that_contradicts_the_model_is_left_out_and_comes_back():
+    found = monitor()
+    judge(found, [100.0, 1.0], steps=20)
+    assert found.left_out == [True, False]
+    assert found.without == 1
+    assert found.doubt < 1.0, "the estimate does without it"
+    outputs = np.array([3.0, 4.0])
+    found.screen(outputs)
+    assert np.isnan(outputs[0])
+    assert outputs[1] == 4.0
+    judge(found, [math.nan, 1.0], readings=[50.0, 0.0], expected=np.zeros(2), steps=round(0.5 / STEP))
+    assert found.left_out == [True, False]
+    judge(found, [math.nan, 1.0], readings=[0.5, 0.0], expected=np.zeros(2), steps=round(5 * AVERAGE / STEP))
+    assert found.left_out == [False, False]
+
+
+def test_a_sensor_that_still_disagrees_is_tried_after_a_while():
+    found = monitor()
+    judge(found, [100.0, 1.0], steps=20)
+    judge(found, [math.nan, 1.0], readings=[50.0, 0.0], expected=np.zeros(2), steps=round(TRIAL / STEP) + 1)
+    assert found.left_out == [False, False]
+
+
+@pytest.mark.parametrize("squares", [[100.0, 100.0], [100.0, 0.0]])
+def test_none_is_left_out_where_both_are_in_doubt(squares):
+    found = monitor()
+    judge(found, [1.0, squares[1]], steps=round((3.0 if squares[1] == 0.0 else 0.0) / STEP))
+    judge(found, squares, steps=200)
+    assert found.left_out == [False, False]
+    assert found.doubt > 1.0
+
+
+def test_a_sensor_that_nobody_can_do_without_stays():
+    found = monitor(spare=(False, False))
+    judge(found, [100.0, 1.0], steps=200)
+    assert found.left_out == [False, False]
+    assert found.doubt > 1.0
+
+
+def test_noise_that_is_assumed_far_too_large_is_evidence():
+    found = monitor(spare=(False,))
+    judge(found, [1e-6], steps=round(3.0 / STEP))
+    assert found.doubt > 1.0
+    found = monitor(spare=(False,), least=0.0)
+    judge(found, [0.0], steps=round(3.0 / STEP))
+    assert found.doubt < 1.0
+
+
+def test_a_silent_sensor_is_missing():
+    found = monitor(spare=(False, True))
+    judge(found, [1.0, math.nan], readings=[0.0, math.nan], steps=22)
+    assert found.without == 1
+    assert found.doubt < 1.0
+    judge(found, [math.nan, 1.0], readings=[math.nan, 0.0], steps=22)
+    assert found.doubt > 1.0, "the others do not tell the state"
+
+
+def test_the_blame_of_another_sensor_passes():
+    found = monitor()
+    judge(found, [1.0, 100.0], steps=8)
+    judge(found, [1.0, 1.0], steps=round(BLAMELESS / STEP) + 200)
+    judge(found, [100.0, 1.0], steps=20)
+    assert found.left_out[0]
+
+
+def test_an_angle_does_not_follow_from_a_speed_but_a_speed_from_an_angle():
+    found = {}
+    for name in ("flexible_joint", "cam_beam"):
+        rig = rigs.load(name)
+        tuning = estimator_tuning(defaults(rig, "estimator"), rig)
+        found[name] = spare_sensors(rig.system, tuning, step=STEP).tolist()
+    assert found == {"flexible_joint": [False, True], "cam_beam": [False]}
