@@ -1,1 +1,1 @@
-"""hybrid-sysid ...: a file a command."""
+"""Commands of hybrid-sysid, one file each."""

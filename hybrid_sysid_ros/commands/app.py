@@ -17,15 +17,15 @@ from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import Interrupted, UserError, lines_of
 
 UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
-"""What typer raises for wrong arguments of any kind; it gives a name to this kind only."""
+"""The error of typer for wrong arguments of any kind, which has no public name."""
 HELP = ("--help", "-h")
 KINDS = {"str": "text", "int": "integer", "int range": "integer", "float": "number", "float range": "number",
          "list[str]": "text", "list[Path]": "path"}  # fmt: skip
-"""What help calls the kinds of values."""
+"""Names of the kinds of values in help texts."""
 
 
 class LateCommand(TyperCommand):
-    """A command that is imported when it is called: the list of all needs its summary only."""
+    """A command that is imported when it is called, since the list of commands needs only summaries."""
 
     def __init__(self, name: str, module: str, summary: str) -> None:
         """module: its full name; its function ``command`` is the command."""
@@ -65,9 +65,9 @@ def _kind(display: Callable[[Any], str], ctx: Any) -> str:
 def extended(function: Callable[..., None], kind: str) -> Callable[..., None]:
     """A command with the options that extensions add to it.
 
-    kind: of what extensions provide for it, and the name of the argument by which it gets a list of that: functions
-    whose arguments are further options, or some of the command's own by their names. An option that two functions
-    declare is one option. What a function returns goes into the list, but for None.
+    kind: the kind of functions that extensions provide for it, and the name of the argument that receives their
+    results. Their arguments are further options, or options of the command with the same names; an option that two
+    functions declare is one option. Results that are None are left out.
     """
     makers = list(extensions.provided(kind).values())
     own = {name: item for name, item in arguments_of(function).items() if name != kind}
@@ -86,7 +86,7 @@ def extended(function: Callable[..., None], kind: str) -> Callable[..., None]:
 
 
 def arguments_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
-    """Of a function, by name, with their types; given by name."""
+    """The arguments of a function by name, with their types, as keyword arguments."""
     hints = get_type_hints(function, include_extras=True)
     return {
         name: item.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
@@ -95,7 +95,7 @@ def arguments_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
 
 
 class Commands(TyperGroup):
-    """All commands. An interrupt leaves them by a name of its own: at KeyboardInterrupt typer ends without a word."""
+    """All commands. An interrupt becomes Interrupted, since typer ends without a message at KeyboardInterrupt."""
 
     def __init__(self, name: str, commands: Sequence[TyperCommand | TyperGroup], **settings: Any) -> None:
         super().__init__(name=name, commands=commands, no_args_is_help=True, rich_markup_mode=None, **settings)
@@ -116,7 +116,7 @@ class Commands(TyperGroup):
 
 
 def _usage(error: typer.BadParameter) -> str:
-    """What is wrong with the arguments, in one line; the help where there are none."""
+    """The error of wrong arguments in one line; the help where there are none."""
     message, context = error.format_message(), error.ctx
     if context is not None and message == context.get_help():
         return message
@@ -139,8 +139,8 @@ def _root(
 
 
 def run_program(make: Callable[[], Commands]) -> None:
-    """Make a program and run a command of it; exit with 2 and one line for what a user can cause, with 130 and one for
-    an interrupt.
+    """Make a program and run its command. Exit with 2 and one line for an error of the user, and with 130 and one line
+    for an interrupt.
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     reported = None
@@ -161,11 +161,11 @@ def run_program(make: Callable[[], Commands]) -> None:
         sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
         sys.exit(130)
     finally:
-        _ = reported is None or _tell_problems(reported)  # an interrupt may come before any is found
+        _ = reported is None or _tell_problems(reported)  # an interrupt may come before any problem is found
 
 
 def _tell_problems(reported: int) -> int:
-    """Say which extensions are left out, but for those that were told before; return how many are told now."""
+    """Print which extensions are left out, after the first ``reported`` ones; return the number of all."""
     problems = extensions.registry().problems
     for line in problems[reported:]:
         sys.stderr.write(f"warning: {UserError(line)}\n")
@@ -173,7 +173,7 @@ def _tell_problems(reported: int) -> int:
 
 
 GROUPS = {"model": "Models outside of Python.", "policy": "Approximate MPC.", "rig": "Rigs, a folder each."}
-"""First words of commands of two words, and what those are about."""
+"""First words of commands with two words, and their subjects."""
 
 
 def program() -> Commands:

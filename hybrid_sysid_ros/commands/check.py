@@ -1,4 +1,4 @@
-"""hybrid-sysid check: whether what is installed works, in a quarter of a minute."""
+"""hybrid-sysid check: whether the installation works, in a quarter of a minute."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from hybrid_sysid_ros.support.errors import UserError
 
 PACKAGE = "hybrid_sysid_ros"
 NAME = re.compile(r"[\w.-]+")
-"""Of a package, at the begin of a requirement."""
+"""Name of a package, at the beginning of a requirement."""
 SECONDS = 5.0
-"""Of the simulated experiment, from when all that moves in it has begun to."""
+"""Length of the simulated experiment after all its signals have begun."""
 LATEST = 300.0
-"""By when that has [s]."""
+"""Latest beginning of an experiment's signals [s]."""
 LOOP_SECONDS = 2.0
 SEED = 1
 LEAST = 0.5
@@ -40,7 +40,7 @@ LEAST = 0.5
 
 
 class Checks:
-    """What is checked, each by a method that says what it saw or raises UserError."""
+    """The checks: methods that return what they saw, or raise UserError."""
 
     def __init__(self, rig: Rig, place: Path) -> None:
         self.rig, self.place = rig, place
@@ -55,7 +55,7 @@ class Checks:
         }
 
     def packages(self) -> str:
-        """Every dependency that needs no extra is there."""
+        """Check that every dependency outside extras is installed."""
         required = [item for item in importlib.metadata.requires(PACKAGE) or [] if "extra ==" not in item]
         names = [found.group() for item in required if (found := NAME.match(item))]
         missing: list[str] = []
@@ -70,14 +70,14 @@ class Checks:
         return f"Python {platform.python_version()}, {PACKAGE} {own}, {len(names)} packages"
 
     def equations(self) -> str:
-        """The rig's file and equations make sense."""
+        """Check the rig's file and equations."""
         problems = rig_check.check(self.rig).problems
         if problems:
             raise UserError(problems[0])
         return str(self.rig.folder)
 
     def bag(self) -> str:
-        """An experiment is simulated, written and read back."""
+        """Simulate an experiment, write its bag and read it back."""
         kind, feedback = next(iter(self.rig.experiments.excitations)), self.rig.experiments.feedback
         period = feedback.period if feedback else self.rig.step * max(round(0.005 / self.rig.step), 1)
         duration = period * round((self.begin(kind) + SECONDS) / period)
@@ -88,14 +88,14 @@ class Checks:
         return f"{kind}: {len(record.time)} samples in {record.duration:g} s"
 
     def begin(self, kind: str) -> float:
-        """When the last of an experiment's signals begins to move [s]."""
+        """The time at which the last of an experiment's signals begins [s]."""
         times = np.linspace(0.0, LATEST, round(LATEST / 0.1) + 1)
         signals = experiments.excitation(self.rig, kind, seed=SEED, duration=LATEST, times=times)
         moved = signals != signals[0]
         return float(max((times[np.argmax(column) - 1] for column in moved.T if column.any()), default=0.0))
 
     def model(self) -> str:
-        """The shipped model runs over it from its beginning: freely, or under the rig's feedback where it has one."""
+        """Score the shipped model on the experiment, in free run or under the rig's feedback if it has one."""
         model = models.load(shipped(self.rig.name, "model"), rig=self.rig.source)
         record = read(self.place / "bag", self.rig.signals)
         if self.rig.experiments.feedback:
@@ -103,11 +103,11 @@ class Checks:
         else:
             run, score = "free run", identification.evaluate(model, record).r2
         if not score > LEAST:
-            raise UserError(f"{run} of the shipped model over a simulated record: R2 {score:.3f}, {LEAST:g} at least")
+            raise UserError(f"{run} of the shipped model over a simulated record: R2 {score:.3f}, below {LEAST:g}")
         return f"{model.structure}: R2 {score:.3f} in {run}"
 
     def policy(self) -> str:
-        """The shipped policy fits the model and is certified."""
+        """Check that the shipped policy fits the model and is certified."""
         model = models.load(shipped(self.rig.name, "model"), rig=self.rig.source)
         network = policies.load(shipped(self.rig.name, "policy"), model=model)
         if network.certificate is None:
@@ -115,7 +115,7 @@ class Checks:
         return f"certified, mu {network.certificate.mu('supervised'):.4f}"
 
     def loop(self) -> str:
-        """Plant, estimator, controller and reference answer one another, in lockstep."""
+        """Run plant, estimator, controller and reference in lockstep."""
         shipped(self.rig.name, "model")
         outcome = Run(rig=self.rig.source, lockstep=True, duration=LOOP_SECONDS, composed=True, tell=status.print).go()
         plant = outcome.diagnostics["plant"]
@@ -124,7 +124,7 @@ class Checks:
         return f"{plant['commands']} commands, none rejected"
 
     def priority(self) -> str:
-        """A loop may go before other processes."""
+        """Check whether a loop may have a real-time priority."""
         return (
             f"{processes.permitted_priority()}"
             if processes.permitted_priority()

@@ -1,4 +1,4 @@
-"""hybrid-sysid demo, the whole way once round: bags, a model, the loop as ROS 2 processes, a report."""
+"""hybrid-sysid demo: bags, a model, the loop as ROS 2 processes, and a report."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ def command(rig: RigName = "", out: Out = None, train: Train = False, demos: Seq
 def demo(out: Path, records: RecordSplit | None = None, *, rig: str = "", train: bool = False) -> dict[str, Any]:
     """Identify a rig from bags, run it under the approximate MPC as ROS 2 processes, and report.
 
-    Leaves report.html, summary.json, the model and the bag of the loop in ``out``. records: by default those that the
-    rig's file names. rig: name or path, by default the one that is meant where none is named. train: the loop uses the
-    model identified here and a policy trained for it, instead of the shipped ones.
+    It writes report.html, summary.json, the model and the bag of the loop to ``out``. records: by default those that
+    the rig's file names. rig: name or path, by default the default rig. train: the loop uses the model identified here
+    and a policy trained for it, instead of the shipped ones.
 
     Raises UserError for missing records or extras, and where a node fails.
     """
@@ -114,9 +114,7 @@ def demo(out: Path, records: RecordSplit | None = None, *, rig: str = "", train:
 
 
 def _identified(model: Model, records: RecordSplit, rig: Rig) -> dict[str, Any]:
-    """What the summary says of the model, which runs under the stabiliser where its rig has one; of several outputs
-    R2 is the mean.
-    """
+    """The summary of the model, which runs under the stabiliser where its rig has one; R2 is the mean over outputs."""
     held = rig.experiments.stabiliser is not None
 
     def score(record: Record, part: Part) -> Scores:
@@ -133,9 +131,7 @@ def _identified(model: Model, records: RecordSplit, rig: Rig) -> dict[str, Any]:
 
 
 def timing_of(plant: Mapping[str, Any]) -> dict[str, Any]:
-    """What it says of the loop's delays, as the plant saw them; the report shows what the recorder saw, its own delays
-    included.
-    """
+    """The summary of the loop's delays at the plant; the report shows those at the recorder, with its own delays."""
     return {
         "delay_ms": {key: round(plant[f"delay_ms_{key}"], 4) for key in ("p50", "p99", "max")},
         "missed_commands": plant["missed_commands"],
@@ -144,7 +140,7 @@ def timing_of(plant: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def tracked(section: report.ClosedLoopSection, plan: DemoRecipe) -> dict[str, Any]:
-    """What it says of the loop; the unit is one where all parts have the same, else one for each."""
+    """The summary of the loop's tracking; the unit is one where all parts have the same, else one for each."""
     rmse, units = section.rmse, section.units
     scored = [name for name in plan.scored if name in rmse]
     named = {name: units[name] for name in scored}
@@ -160,14 +156,14 @@ def _train(model: Model, folder: Path) -> None:
 
 
 def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:
-    """The bag of the loop, and the last diagnostics of its nodes; options: of :func:`~.runtime.session.run`."""
+    """The bag of the loop, and the last diagnostics of its nodes; options: fields of :class:`~.runtime.run.Run`."""
     with progress_bars(console) as update:
         outcome = Run(
             rig=rig.source,
             reference=reference,
             bag=bag,
             overwrite=True,
-            domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # beside no rig that may be on
+            domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # away from running rigs
             tell=console.print,
             progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
             **options,

@@ -52,7 +52,7 @@ def command(
     rig: terminal.OwnRig = "",
 ) -> None:
     """Score a model by strict free run: one initial state, never corrected. Where a bag has the reference, the whole
-    closed loop is simulated again from it as well.
+    closed loop is re-simulated from it as well.
     """
     if report is not None:
         reports.check_available()
@@ -106,7 +106,7 @@ def command(
 def _scored(
     model: Model, records: Sequence[Record], part: Part, rig: Rig
 ) -> tuple[dict[str, dict[str, Any]], dict[str, list[PredictionErrors]]]:
-    """By record the scores of the free run, or where that says nothing the errors some seconds ahead."""
+    """By record the scores of the free run, or, where that is meaningless, errors of predictions."""
     scores: dict[str, dict[str, Any]] = {}
     ahead: dict[str, list[PredictionErrors]] = {}
     windows = unstable_settings(rig)
@@ -115,7 +115,7 @@ def _scored(
             scores[record.name] = evaluate(model, record, part=part).content
         except UnstableError as error:
             if windows is None:
-                advice = f"for that say what holds the rig, experiments.stabiliser in {rig.file}"
+                advice = f"for that declare the rig's stabiliser, experiments.stabiliser in {rig.file}"
                 raise UserError(f"{error}: {advice}") from error
             status.print(f"no free run: {error}")
             ahead[record.name] = predictions(model.system, experiment_of(model, record, part=part), windows)
@@ -125,7 +125,7 @@ def _scored(
 def _loops(
     model: Model, records: Sequence[Record], part: Part, rig: Rig
 ) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
-    """By record the scores of the experiment done again in closed loop, and the reasons for those that are not."""
+    """By record the scores of the re-simulated closed loop, and the reasons for other records."""
     given: dict[str, Any] = {"sampling": model.sampling}
     if rig.experiments.feedback is None:
         again, skipped = resimulations(model.system, [(record, part) for record in records], rig, **given)
@@ -144,9 +144,9 @@ def _row(item: PredictionErrors) -> dict[str, Any]:
 
 
 def _ahead_table(ahead: Mapping[str, Sequence[PredictionErrors]], rig: Rig) -> Table:
-    """Errors some seconds ahead, of each output in the unit in which it is shown."""
+    """Table of prediction errors by horizon, for each output in its display unit."""
     headings = (f"{item.name} [{display.unit}]" for item, display in zip(rig.system.outputs, rig.display, strict=True))
-    table = Table("record", "ahead", "", *headings, title="RMSE ahead, from states that the two seconds before tell")
+    table = Table("record", "ahead", "", *headings, title="RMSE of predictions, from states estimated over two seconds")
     for record, rows in ahead.items():
         for row in rows:
             held = "closed by the stabiliser" if row.closed else "open"

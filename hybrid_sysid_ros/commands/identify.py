@@ -30,7 +30,7 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_file, check_folder
 
 SHOWN = 10  # speeds
-EXPLAINED = 0.5  # R2 below which a model is none of the record that it was fitted to
+EXPLAINED = 0.5  # R2 below which a model does not explain its training record
 
 
 def command(
@@ -94,7 +94,7 @@ def command(
             if not own["r2"] > EXPLAINED:
                 console.print(
                     f"doubt: over {name}, which it was fitted to, R2 of its run is {own['r2']:.2f} for {output}: "
-                    "no model, or the record has other units or scales than the rig"
+                    "the model does not explain it, or its units or scales are wrong"
                 )
     title = "training" if described.experiments.stabiliser is None else "training, closed by the stabiliser"
     print_table(terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, title))
@@ -113,10 +113,10 @@ def command(
 
 
 def friction_table(curves: Mapping[str, FrictionCurve], rig: Rig) -> Table:
-    """Friction over speed of models by their names, and how far the first is from the others."""
+    """Table of friction over speed of models, and of the first one's difference from the others."""
     first, *others = curves.values()
     item = rig.system.inputs[0]
-    table = Table("speed", *curves, title=f"friction as the {item.name} that it takes [{item.unit}]")
+    table = Table("speed", *curves, title=f"friction in units of {item.name} [{item.unit}]")
     for k in range(0, len(first.speeds), len(first.speeds) // SHOWN):
         table.add_row(f"{first.speeds[k]:.3g}", *(f"{curve.inputs[k]:.4f}" for curve in curves.values()))
     table.add_row("difference, rms", "", *(f"{first.difference(other):.2%}" for other in others))
@@ -124,10 +124,10 @@ def friction_table(curves: Mapping[str, FrictionCurve], rig: Rig) -> Table:
 
 
 def stages_table(rows: Sequence[StageResiduals]) -> Table:
-    """The stages of a model, such as a gray box and a model of its residual: whether what each leaves is random."""
+    """Table of a model's stages, such as a gray box and a model of its residual, with residual tests."""
     table = Table(
         "record", "output", "free run of", "R2", "lags outside: itself", "input", "random",
-        title="stages of the model: whether what each leaves in free run is random (99 % bounds)",
+        title="stages of the model: whether the residual of each free run is random (99 % bounds)",
     )  # fmt: skip
     for row in sorted(rows, key=lambda row: (row.record, row.output)):
         outside = (f"{test.outside} of {len(test.lags)}" for test in (row.whiteness, row.independence))
@@ -138,7 +138,7 @@ def stages_table(rows: Sequence[StageResiduals]) -> Table:
 
 
 def parameter_table(model: Model) -> Table:
-    """Parameters with standard errors and units."""
+    """Table of parameters with standard errors and units."""
     table = Table("parameter", "value", "standard error", "unit", title=f"{model.structure} {model.rig}")
     errors = model.standard_errors
     for item, value in zip(model.system.parameters, model.system.values, strict=True):

@@ -1,4 +1,4 @@
-"""How commands read bags, and what they say of what is strange in them."""
+"""Reading of bags by commands, with warnings of doubtful values."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def read_records(
     *,
     model: Model | None = None,
 ) -> list[Record]:
-    """The records of bags, by a rig's signals or a file of the user's. What is strange in them is told.
+    """The records of bags, by a rig's signals or a user's file. Doubtful values are reported.
 
-    period: of the samples that are kept [s], 0 for all. model: is to meet them. Raises UserError for two bags of one
-    name, for signals that state another unit than the rig's, for inputs that its actuators don't give, and where the
-    sampling wants an input as it was at the samples, but the period leaves means only.
+    period: that of the samples that are kept [s], 0 for all. model: the model that is scored on them. Raises UserError
+    for two bags with one name, for signals in another unit than the rig's, for inputs that its actuators can't give,
+    and where the sampling reads inputs at samples, but the period leaves only means.
     """
     if period and sampling.input == "sampled":
         raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")

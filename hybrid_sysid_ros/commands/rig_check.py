@@ -1,4 +1,4 @@
-"""hybrid-sysid rig check: whether a rig makes sense."""
+"""hybrid-sysid rig check: checks of a rig."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hybrid_sysid_ros.support.extensions import blaming, loaded, targets
 BLOCKS = "▁▂▃▄▅▆▇█"
 SAMPLES = 24
 SHOWN = 6
-"""Numbers of each step response."""
+"""Number of values shown of each step response."""
 
 
 def command(
@@ -43,7 +43,7 @@ def command(
 
 
 def _facts(rig: Rig) -> Table:
-    """What the rig consists of."""
+    """Table of the rig's parts."""
     system = rig.system
     table = Table("what", "name", "unit", "carried as", "", title=f"{rig.name}, {rig.folder}: {type(system).__name__}")
     for item in system.states:
@@ -76,7 +76,7 @@ def _values(rig: Rig) -> list[str]:
 
 
 def _of_extension(target: str, rig: Rig) -> None:
-    """Let an extension look at its section."""
+    """Let an extension check its section."""
     with blaming(target, target):
         loaded(target)(rig)
 
@@ -88,7 +88,7 @@ def _demo(rig: Rig) -> None:
 
 
 def _responses(rig: Rig, seconds: float) -> Table:
-    """A row for each input and output: the curve and a few of its numbers."""
+    """Table with a row for each input and output: the curve and a few of its values."""
     times, found = step_responses(rig, seconds=seconds, samples=SAMPLES)
     chosen = np.linspace(0, SAMPLES - 1, SHOWN).round().astype(int)
     headings = (f"{times[k]:.3g} s" for k in chosen)
@@ -102,7 +102,7 @@ def _responses(rig: Rig, seconds: float) -> Table:
 
 
 def _curve(values: NDArray[np.float64]) -> str:
-    """A line of blocks."""
+    """A curve as a line of block characters."""
     span = float(np.ptp(values)) or 1.0
     levels = ((values - values.min()) / span * (len(BLOCKS) - 1)).round().astype(int)
     return "".join(BLOCKS[level] for level in levels)

@@ -12,7 +12,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 
 def command() -> None:
-    """List the rigs that are known by name: of this package, and of entry points of others."""
+    """List the rigs that are known by name: those of this package, and of other packages' entry points."""
     table, rows, problems = Table("rig", "package", "folder"), dict[Path, list[str]](), list[str]()
     for name in names():
         try:

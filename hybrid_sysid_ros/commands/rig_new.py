@@ -30,6 +30,6 @@ def command(folder: Annotated[Path, typer.Argument(help="Folder to make; its nam
 
 
 def _path(folder: Path) -> str:
-    """The folder so that it is taken for a path."""
+    """The folder in a form that is taken for a path."""
     text = str(folder)
     return text if "/" in text or text.startswith(".") else f"./{text}"

@@ -1,4 +1,4 @@
-"""What all commands share: where and how they print, and their common options."""
+"""Common parts of all commands: their output and their options."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 
 PLAIN: dict[str, Any] = {"markup": False, "emoji": False}
-"""Names are shown as they are: a record may be called run[red] or a:b:c."""
+"""Options that print names unchanged: a record may be called run[red] or a:b:c."""
 console = Console(soft_wrap=True, **PLAIN)
 status = Console(stderr=True, soft_wrap=True, **PLAIN)
 
 WIDEST = 100_000
-"""More characters than any table has."""
+"""More columns than any table has."""
 
 RigName = Annotated[
     str,
@@ -35,22 +35,22 @@ RigPlace = Annotated[
 
 
 def _meet(rig: str) -> str:
-    """Load a rig that a path names, so that from now on it is known by the name that models and policies have."""
+    """Load a rig by its path, so that it is then known by the name in models and policies."""
     if rig:
         load_rig(rig)
     return rig
 
 
 OwnRig = Annotated[str, typer.Option("--rig", help="Folder of the rig, if it is not known by name.", callback=_meet)]
-"""Of commands that are told their rig by a model or a policy."""
+"""Option of commands that get their rig from a model or a policy."""
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
 ReadPeriod = Annotated[
     float,
     typer.Option(
         "--read-period",
-        help="Of a bag larger than the memory: keep one sample in so many seconds, the input's mean between them; "
-        "0 keeps all.",
+        help="Keep one sample in so many seconds, with the mean input between them, of a bag that is larger than the "
+        "memory; 0 keeps all.",
         min=0.0,
     ),
 ]
@@ -58,8 +58,8 @@ PartText = Annotated[str, typer.Option("--part", help="Part of each bag that is 
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Driver = Literal["supervised", "network", "exact"]
-"""What may drive a rig: the choices of the controller's parameter policy."""
-Workers = Annotated[int, typer.Option("--workers", help="Number of processes; 0: one on each processor.", min=0)]
+"""Choices of the controller's parameter policy."""
+WorkerCount = Annotated[int, typer.Option("--workers", help="Number of processes; 0: one on each processor.", min=0)]
 ClusterAddress = Annotated[
     str,
     typer.Option("--cluster", help="Address of a Dask scheduler, such as tcp://host:8786; local starts one."),
@@ -85,7 +85,7 @@ def print_table(table: Table) -> None:
 
 
 def end(problems: Sequence[str]) -> None:
-    """Leave a command with status 2 where there are problems, a line for each."""
+    """Print problems, a line each, and end the command with status 2 if there are any."""
     for problem in problems:
         status.print(f"error: {' '.join(problem.split())}")
     if problems:
@@ -110,8 +110,8 @@ StructureOptions = Annotated[
 def score_table(
     scores: dict[str, dict[str, Any]], rig: Rig, title: str, loops: dict[str, dict[str, Any]] | None = None
 ) -> Table:
-    """Table of records' scores, a row for each output, errors in the unit in which it is shown; beside them those of
-    their re-simulated loops.
+    """Table of records' scores, a row for each output with errors in its display unit, beside scores of re-simulated
+    loops.
     """
     names = [item.name for item in rig.system.outputs]
     several = len(names) > 1
@@ -132,7 +132,7 @@ def score_table(
 
 
 def bias_table(biases: Mapping[str, dict[str, Any]], rig: Rig, seconds: float) -> Table:
-    """Table of free runs over the rest of records, without and with the input biases that their beginnings show."""
+    """Table of free runs over the rest of records, without and with the input biases from their beginnings."""
     units = {item.name: item.unit for item in rig.system.inputs}
     names = [item.name for item in rig.system.outputs]
     several = len(names) > 1

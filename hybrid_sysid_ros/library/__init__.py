@@ -1,1 +1,1 @@
-"""The library as its users meet it: what ``import hybrid_sysid_ros as hs`` offers. Arguments are checked here, once."""
+"""The public functions of ``import hybrid_sysid_ros as hs``. Arguments are checked here, once."""

@@ -1,4 +1,4 @@
-"""Arguments: what the public functions are given, checked by name, kind and shape. Each error says what to do."""
+"""Arguments of the public functions, checked by name, type and shape. Each error says what to do."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LARGEST_SEED = 2**63 - 1
 
 @contextmanager
 def within(argument: str) -> Iterator[None]:
-    """Say which argument it was that the library below refuses."""
+    """Add the name of an argument to errors of the library below."""
     try:
         yield
     except UserError as error:
@@ -41,7 +41,7 @@ def within(argument: str) -> Iterator[None]:
 
 
 def guarded(function: Callable[..., Any], argument: str, gives: str) -> Callable[..., Any]:
-    """A function of the user's, whose own errors are those of the argument."""
+    """A function of the user whose errors name the argument."""
 
     def called(*given: Any) -> Any:
         try:
@@ -55,7 +55,7 @@ def guarded(function: Callable[..., Any], argument: str, gives: str) -> Callable
 
 
 def rig_of(value: RigLike, argument: str = "rig") -> Rig:
-    """A rig from itself, its name, or the path of its folder."""
+    """A rig from a rig, its name, or the path of its folder."""
     if isinstance(value, Rig):
         return value
     if not isinstance(value, str | Path) or not str(value):
@@ -80,7 +80,7 @@ def given_records(value: object, rig: Rig, argument: str = "records") -> list[Re
 
 
 def record_of(value: object, rig: Rig, argument: str = "record") -> Record:
-    """One record of a rig. What was made without one is held against the rig here."""
+    """One record of a rig. A record that was made without a rig is compared with the rig here."""
     if isinstance(value, str | Path):
         raise UserError(f"{argument} is {shown(value)}; read it first: read_bag({str(value)!r}, rig)")
     if not isinstance(value, Record):
@@ -116,7 +116,7 @@ def given_model(value: object, rig: Rig | None = None, argument: str = "model") 
 def number_of(
     value: object, argument: str, *, low: float = -math.inf, high: float = math.inf, unit: str = "", above: bool = False
 ) -> float:
-    """A finite number within low and high; above: low itself is not among them."""
+    """A finite number within low and high; above: low itself is excluded."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         raise UserError(f"{argument} is {shown(value)}; give a number{f' [{unit}]' if unit else ''}")
     try:
@@ -145,7 +145,7 @@ def flag_of(value: object, argument: str) -> bool:
 
 
 def name_of(value: object, argument: str) -> str:
-    """What tables and files call something: a line of text, and no path."""
+    """A name for tables and files: a line of text, and no path."""
     if not isinstance(value, str) or not value.isprintable() or Path(value).name != value or value in ("", ".."):
         raise UserError(f"{argument} is {shown(value)}; give a name in a line of text, without a slash")
     return value
@@ -172,7 +172,7 @@ def choice_of(value: object, argument: str, names: Collection[str]) -> str:
 
 
 def mapping_of(value: object, argument: str, example: str) -> dict[str, Any]:
-    """What is given by name, or nothing."""
+    """A mapping by name; empty for None."""
     if value is not None and not isinstance(value, Mapping):
         raise UserError(f"{argument} is {shown(value)}; give a mapping by name, such as {example}")
     return dict(value or {})
@@ -208,7 +208,7 @@ def given_parts(value: PartLike | Sequence[PartLike], count: int) -> Part | list
 
 
 def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
-    """How records meet the simulation: by default as the rig's file says, else as the command line does."""
+    """The sampling of records, by default that of the rig's file, or else that of the command line."""
     given = section(rig.content, "demo", str(rig.file))
     own = {name: given[name] for name in ("step", "period") if name in given}
     if value is None:
@@ -233,14 +233,14 @@ def given_options(value: Mapping[str, Any] | None, argument: str = "options") ->
 
 
 def callable_of(value: object, argument: str, arguments: str) -> Any:
-    """A function that is told how far the work is, or None."""
+    """A function that receives progress, or None."""
     if value is not None and not callable(value):
         raise UserError(f"{argument} is {shown(value)}; give a function of {arguments}, or None")
     return None if value is None else guarded(value, argument, arguments)
 
 
 def array_of(value: object, argument: str, remedy: str = "give finite numbers") -> Array:
-    """Finite numbers, of any shape. remedy: what to do where they are not finite."""
+    """An array of finite numbers, of any shape. remedy: advice where they are not finite."""
     try:
         found = np.asarray(value)
     except ValueError as error:
@@ -261,9 +261,9 @@ def array_of(value: object, argument: str, remedy: str = "give finite numbers") 
 
 
 def given_columns(value: Any, argument: str, names: Sequence[str], rows: int) -> Array:
-    """An array (rows, columns) out of one, of a column alone, or of columns by their names.
+    """An array (rows, columns) from an array, a single column, or columns by their names.
 
-    names: what the columns are called; without names any number of columns will do.
+    names: names of the columns; without names any number of columns is accepted.
     """
     if isinstance(value, Mapping) or hasattr(value, "columns"):
         given = list(getattr(value, "columns", value))

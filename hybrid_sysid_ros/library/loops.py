@@ -1,4 +1,4 @@
-"""Closed loops of a simulated rig, without a clock: whatever the load, they repeat bit by bit."""
+"""Closed loops of a simulated rig, without a clock, so that they repeat bit by bit under any load."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ ReferenceLike: TypeAlias = str | float | ArrayLike | Callable[[Array], ArrayLike
 
 CONTROLLERS = ("exact", "network", "supervised")
 NODES = ("controller", "estimator", "reference")
-"""Whose parameters a loop has."""
+"""Nodes whose parameters a loop has."""
 METHODS = ("horizon", "period", "control", "prepare", "reset")
-"""Of a controller."""
+"""Attributes of a controller."""
 LONGEST = 3600.0
-"""Of a loop [s]."""
+"""Longest loop [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loop:
-    """A closed loop as it went, a row a sample; SI units. m inputs, p outputs."""
+    """The course of a closed loop, a row for each sample, in SI units: m inputs, p outputs."""
 
     rig: Rig
     time: Array
@@ -58,11 +58,11 @@ class Loop:
     reference: Array
     """(samples, p)."""
     estimate: Array
-    """(samples, states of the model), as the controller was told them."""
+    """States that the controller received, (samples, states of the model)."""
     statuses: Mapping[Status, int]
-    """How often each stood behind an input."""
+    """How often an input had each status."""
     problem: ControlProblem
-    """By whose stage cost the loop is judged."""
+    """The problem by whose stage cost the loop is judged."""
 
     @cached_property
     def cost(self) -> float:
@@ -77,7 +77,7 @@ class Loop:
 
     @property
     def score(self) -> dict[str, float]:
-        """Root mean square of output - reference of each tracked output, by its name, in the unit it is shown in."""
+        """Root mean square of output - reference of each tracked output, by its name, in its display unit."""
         errors = np.sqrt(np.mean((self.outputs - self.reference) ** 2, axis=0))
         return {
             item.name: float(display.shown(error))
@@ -123,19 +123,19 @@ def simulate(
 ) -> Loop:
     """Close the loop of a simulated rig, its estimator and a controller, from rest.
 
-    model: what estimator and controller predict with, by default the one that comes with the package. plant: the model
-    that moves in place of the rig, by default the rig's own system with the values of its file; both have the noise of
-    the rig's sensors and the limits of its actuators. controller: "exact", the MPC; "network", a policy alone;
+    model: the model of estimator and controller, by default the one that comes with the package. plant: the model that
+    is simulated as the plant, by default the rig's system with the values of its file; both have the noise of the rig's
+    sensors and the limits of its actuators. controller: "exact", the MPC; "network", a policy alone;
     "supervised", a policy while its plans pass a check, else the MPC; a policy, which drives alone; or an object with
     the methods of :class:`hybrid_sysid_ros.control.Controller`. reference: "constant", "steps", "sine", "multisine",
     one of the rig's by name (the first by default); a set-point for each output; or a function of times (samples,) [s]
-    that gives the outputs (samples, p). Outputs are asked for in the units in which they are shown. policy: that drives
-    as "network" or "supervised", by default the one that comes with the package. seconds: of the loop, by default as
-    long as the rig's reference, or 10 s. seed: of the noise. parameters: of the nodes by name, such as
+    that gives the outputs (samples, p). References are in display units. policy: the
+    policy of "network" or "supervised", by default the one that comes with the package. seconds: length of the loop, by
+    default that of the rig's reference, or 10 s. seed: random seed of the noise. parameters: values of nodes, such as
     {"controller.horizon": 10, "estimator.gate": 4.0, "reference.hold": 2.0}.
 
     No clock is read and no answer is late, so a loop repeats bit by bit. Raises UserError where rig, model, policy and
-    parameters do not go together.
+    parameters don't fit each other.
     """
     described = arguments.rig_of(rig)
     used = _model(described, model)
@@ -186,7 +186,7 @@ def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:
 
 
 def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
-    """Values of the nodes' parameters; in lockstep, for nothing here is late."""
+    """Values of the nodes' parameters, in lockstep, since nothing is late here."""
     values = {node: defaults(rig, node) for node in NODES}
     for name, value in arguments.mapping_of(given, "parameters", '{"controller.horizon": 10}').items():
         node, _, key = str(name).partition(".")
@@ -233,7 +233,7 @@ def _controller(
 
 
 def _reference(rig: Rig, reference: ReferenceLike, settings: Mapping[str, Any]) -> tuple[OutputReference, float]:
-    """The reference as outputs are shown, and how long a loop along it lasts where nobody says so [s]."""
+    """The reference in display units, and the default length of a loop along it [s]."""
     outputs = len(rig.system.outputs)
     if isinstance(reference, str):
         kind = arguments.choice_of(reference or rig.reference, "reference", (*KINDS, *rig.references))
@@ -253,7 +253,7 @@ def _reference(rig: Rig, reference: ReferenceLike, settings: Mapping[str, Any]) 
 
 
 def _checked(rig: Rig, asked: Callable[[Array], ArrayLike]) -> OutputReference:
-    """A reference, held against the rig whenever the loop asks; for the first time here."""
+    """A reference that is checked against the rig at each call, and for the first time here."""
     low, high = np.sort(rig.reach / np.array([display.scale for display in rig.display]), axis=0)
 
     def outputs(times: Array) -> Array:
@@ -277,5 +277,5 @@ def _checked(rig: Rig, asked: Callable[[Array], ArrayLike]) -> OutputReference:
 
 
 def _warn(line: str) -> None:
-    """To whoever called :func:`simulate`."""
+    """Warn at the caller of :func:`simulate`."""
     warnings.warn(line, stacklevel=5)

@@ -1,4 +1,4 @@
-"""Models: identified from records, scored, run free and drawn."""
+"""Models: identified from records, scored, simulated and drawn."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from hybrid_sysid_ros.support.text_table import text_table
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Model(models.Model):
-    """An identified model: see :class:`hybrid_sysid_ros.models.Model` for what it holds.
+    """An identified model; see :class:`hybrid_sysid_ros.models.Model` for its fields.
 
     ``print(model)`` shows its parameters with their standard errors. ``model.save(folder)`` keeps it.
     """
 
     @classmethod
     def of(cls, model: models.Model) -> Model:
-        """The same model with what a user asks of it."""
+        """The model with the methods of this class."""
         if isinstance(model, cls):
             return model
         return cls(**{item.name: getattr(model, item.name) for item in fields(models.Model)})
@@ -51,20 +51,20 @@ class Model(models.Model):
 
     @property
     def doubts(self) -> list[str]:
-        """What the training data did not determine, a sentence each."""
+        """Parameters that the training data did not determine, a sentence each."""
         return [str(doubt) for doubt in doubts(self)]
 
     def score(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> Scores:
         """Score the free run over a part of a record: R2, RMSE [SI] and fit in percent of each output.
 
-        The rig's stabiliser closes the run, where the rig has one. Raises UserError for a record of another rig, one
-        that does not fit the model's sampling, and a free run of an unstable system, which would say nothing.
+        For a rig with a stabiliser the run is in closed loop. Raises UserError for a record of another rig, one that
+        does not fit the model's sampling, and a free run of an unstable system, which would be meaningless.
         """
         found = self.free_run(record, part=part)
         return Scores.of([item.name for item in self.system.outputs], found.measured, found.outputs)
 
     def free_run(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> FreeRun:
-        """Simulate a part of a record from one initial state, never corrected. Raises UserError as :meth:`score`."""
+        """Simulate a part of a record from one initial state. Raises UserError as :meth:`score` does."""
         rig = rigs.load(self.rig)
         experiment = experiment_of(self, arguments.record_of(record, rig), part=arguments.part_of(part))
         if rig.experiments.stabiliser is None:
@@ -83,12 +83,12 @@ class Model(models.Model):
 
     def plot(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> Any:
         """Draw the free run over a part of a record: a plotly figure (extra ``report``). Raises UserError as
-        :meth:`score`.
+        :meth:`score` does.
         """
         return self.free_run(record, part=part).plot()
 
     def sealed(self) -> Model:
-        """With the seal that it has in a folder: by it policies and certificates know their model."""
+        """The model with the seal of its folder, by which policies and certificates refer to it."""
         if self.seal:
             return self
         with TemporaryDirectory() as scratch:
@@ -101,7 +101,7 @@ class FreeRun:
     """A free run over a record, at its scored samples; SI units. n states of the model, p outputs."""
 
     name: str
-    """Of the record."""
+    """Name of the record."""
     rig: Rig
     time: Array
     """(samples,) [s]."""
@@ -148,11 +148,11 @@ def identify(
     """Fit a structure to parts of records.
 
     records: one or several. structure: "hybrid", "gray", "linear", "narx" and the others of ``hybrid-sysid identify
-    --help``. sampling: ``step``, ``period`` and ``input``, by default as the rig's file says. part: of all records, as
-    fractions of them, or one of each. options: numbers by name, such as {"units": 8}. seed: of everything random.
-    progress(stage, evaluations, error): told how far the fit is.
+    --help``. sampling: ``step``, ``period`` and ``input``, by default those of the rig's file. part: a part of all
+    records as fractions, or one for each record. options: numbers by name, such as {"units": 8}. seed: random seed.
+    progress(stage, evaluations, error): a function that is called during the fit.
 
-    Raises UserError for records that don't fit the rig, its sampling or one another or don't excite it, and for an
+    Raises UserError for records that don't fit the rig, its sampling or each other, or don't excite the rig, and for an
     unknown structure or option.
     """
     described = arguments.rig_of(rig)
@@ -186,5 +186,5 @@ def load_model(folder: str | Path, *, rig: str | Path = "") -> Model:
 
 
 def sealed(model: object, rig: Rig | None = None) -> Model:
-    """A model out of an argument, with its seal."""
+    """The model of an argument, with its seal."""
     return Model.of(arguments.given_model(model, rig)).sealed()

@@ -1,4 +1,4 @@
-"""Records: out of bags, and out of arrays."""
+"""Records from bags and from arrays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hybrid_sysid_ros.support.errors import UserError, shown
 from hybrid_sysid_ros.support.files import path_of
 
 Doubtful = Callable[[str], object]
-"""Gets what is strange in a record."""
+"""Receives doubtful values of a record."""
 
 
 def load_rig(rig: str | Path) -> Rig:
@@ -43,11 +43,11 @@ def read_bag(
     period: float = 0.0,
     recover: bool = False,
 ) -> Record:
-    """Read a record out of a bag: a rosbag2 folder, or one MCAP or SQLite file. ROS need not be installed.
+    """Read a record from a bag: a rosbag2 folder, or one MCAP or SQLite file. ROS need not be installed.
 
-    rig: says which topics and fields are the inputs and outputs. signals: YAML file that says so instead. period:
-    keep one sample in so many seconds, 0 for all. recover: read what can be read of a cut bag. What is strange in the
-    record is warned of. Raises UserError for a bag that is missing, damaged, or does not fit the rig.
+    rig: the rig, which declares the topics and fields of inputs and outputs. signals: YAML file that declares others.
+    period: keep one sample in so many seconds, 0 for all. recover: read the readable part of a cut bag. Doubtful values
+    give a warning. Raises UserError for a bag that is missing, damaged, or does not fit the rig.
     """
     described, place = arguments.rig_of(rig), path_of(path, "path")
     chosen = None if signals is None else path_of(signals, "signals")
@@ -66,8 +66,8 @@ def checked_bag(
     doubtful: Doubtful,
     model: Model | None = None,
 ) -> Record:
-    """The record of a bag, with what is strange in it told. model: that is to meet it. Raises UserError for signals
-    that state another unit than the rig's, and for inputs that its actuators don't give.
+    """The record of a bag; ``doubtful`` receives its doubtful values. model: the model that is scored on it. Raises
+    UserError for signals in another unit than the rig's, and for inputs that its actuators can't give.
     """
     found = Signals.load(signals) if signals is not None else rig.signals
     found = found.ordered(rig.system.inputs, rig.system.outputs)
@@ -89,15 +89,15 @@ def record(
     channels: Mapping[str, ArrayLike] | None = None,
     name: str = "arrays",
 ) -> Record:
-    """Make a record of arrays.
+    """Make a record from arrays.
 
     time: (samples,) in seconds, uniform; it may begin anywhere. inputs: (samples, m), one column alone as (samples,),
     or a mapping of columns by the rig's names; inputs[k] acts from time[k] to time[k + 1]. outputs: (samples, p)
-    likewise, measured at time[k]. rig: whose inputs and outputs they are; they are then checked against its actuators
-    and its travel. units: of columns by name, where they are not the rig's: an output may come in the unit that its
-    sensor reads. channels: further signals by name, (samples,) each. name: what tables call the record.
+    likewise, measured at time[k]. rig: the rig that has these inputs and outputs, whose actuators and travel they must
+    fit. units: units of columns by name, where they are not the rig's: an output may be in the unit of its sensor's
+    readings. channels: further signals by name, (samples,) each. name: name of the record in tables.
 
-    Raises UserError for another shape, unit or size than the rig's, for what is not finite, and for uneven times.
+    Raises UserError for another shape, unit or size than the rig's, for values that are not finite, and uneven times.
     """
     described = None if rig is None else arguments.rig_of(rig)
     times = _times(time)
@@ -137,7 +137,7 @@ def _times(value: ArrayLike) -> Array:
     step = (times[-1] - times[0]) / (len(times) - 1)
     uniform = np.arange(len(times)) * step
     away = np.abs(times - times[0] - uniform)
-    rounding = 4.0 * np.spacing(np.abs(times).max())  # of stamps since 1970
+    rounding = 4.0 * np.spacing(np.abs(times).max())  # rounding of stamps since 1970
     if not step > 0.0:
         raise UserError(
             f"time runs from {times[0]:.9g} s to {times[-1]:.9g} s, backwards; sort the samples by their time"
@@ -175,5 +175,5 @@ def _scales(units: Mapping[str, str], rig: Rig | None) -> Array:
 
 
 def _warn(line: str) -> None:
-    """To whoever called a public function of this file."""
+    """Warn at the caller of a public function of this file."""
     warnings.warn(line, stacklevel=4)

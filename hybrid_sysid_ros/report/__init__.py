@@ -1,4 +1,4 @@
-"""Reports: HTML pages of a model and its loop; each needs no network."""
+"""Reports: HTML pages of a model and its loop, which need no network."""
 
 from hybrid_sysid_ros.report.further import FurtherSection
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section

@@ -1,4 +1,4 @@
-"""Charts: what all figures are drawn with. One colour means one thing in all of them."""
+"""Charts: common parts of all figures. A colour has the same meaning in all of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hybrid_sysid_ros.support.arrays import Array
 
 MEASURED, MODEL, REFERENCE, INPUT, ERROR, BOUND = "#1f4e79", "#e8710a", "#8b95a1", "#2e7d4f", "#7b4fa3", "#c0392b"
 LINES = ("#1f4e79", "#e8710a", "#2e7d4f", "#7b4fa3", "#c0392b", "#0f8b8d", "#a67c00", "#6b7683")
-"""Of several records or structures in one figure."""
+"""Colours of several records or structures in one figure."""
 TEXT, GRID = "#2b3440", "#e6e9ed"
 FONT = {
     "family": "system-ui, -apple-system, 'Segoe UI', Roboto, Helvetica, Arial, sans-serif",
@@ -26,12 +26,12 @@ FONT = {
 }
 MINUS = "\N{MINUS SIGN}"
 LONG_NAME = 12  # letters
-POINTS = 16_000  # of a line at most
-FEW_TICKS, MANY_DECADES = 2, 3  # of a logarithmic axis
+POINTS = 16_000  # most points of a line
+FEW_TICKS, MANY_DECADES = 2, 3  # ticks and decades of a logarithmic axis
 
 
 def panels(*, heights: Sequence[float], height: int) -> go.Figure:
-    """Panels above one another that share their time, each with a second axis at the right."""
+    """Panels above one another with a common time axis, each with a second axis at the right."""
     figure = make_subplots(
         rows=len(heights),
         cols=1,
@@ -46,7 +46,7 @@ def panels(*, heights: Sequence[float], height: int) -> go.Figure:
 
 
 def dress(figure: go.Figure, height: int) -> None:
-    """What all figures look like."""
+    """Apply the common style of all figures."""
     figure.update_layout(
         height=height,
         autosize=True,
@@ -68,7 +68,7 @@ def dress(figure: go.Figure, height: int) -> None:
 
 
 def timed(figure: go.Figure, rows: int) -> go.Figure:
-    """The time below the last row."""
+    """Add the time axis below the last row."""
     figure.update_xaxes(title={"text": "time [s]", "standoff": 4}, row=rows, col=1)
     return figure
 
@@ -77,7 +77,7 @@ def line(
     figure: go.Figure, row: int, x: Array, y: Array, name: str, colour: str, *, width: float = 1.2, legend: bool = True,
     shape: str = "linear",
 ) -> None:  # fmt: skip
-    """A line over time in a row of panels."""
+    """Draw a line over time in a row of panels."""
     line = {"color": colour, "width": width, "shape": shape}
     template = "%{y:.3f}"
     trace = go.Scatter(**data(x, y), mode="lines", name=name, line=line, showlegend=legend, hovertemplate=template)
@@ -85,9 +85,9 @@ def line(
 
 
 def second_scale(output: Variable, display: Display) -> tuple[str, float] | None:
-    """Another unit to show an output in beside its display's, and how many of it one of those is; angles in degrees.
+    """A second unit for an output, and its value per display unit; angles in degrees.
 
-    None where there is no other one.
+    None where there is no second unit.
     """
     angle = output.unit.startswith("rad")
     unit = output.unit.replace("rad", "°", 1) if angle else output.unit
@@ -96,12 +96,12 @@ def second_scale(output: Variable, display: Display) -> tuple[str, float] | None
 
 
 def titled(name: str, unit: str) -> str:
-    """Title of an axis: a name and its unit, one below the other where a low panel has no room for them in a line."""
+    """Title of an axis: a name and its unit, on two lines where the name is long."""
     return f"{name}{'<br>' if len(name) > LONG_NAME else ' '}[{unit}]"
 
 
 def logarithmic(low: float, high: float) -> dict[str, list[float] | list[str]]:
-    """Ticks of a logarithmic axis: 1, 2 and 5 of each decade, of many 1 alone; its ends where it has hardly one."""
+    """Ticks of a logarithmic axis: 1, 2 and 5 of each decade, only 1 of many decades, and the ends of a short axis."""
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     steps = np.array([1.0] if last - first > MANY_DECADES else [1.0, 2.0, 5.0])
     values = np.concatenate([steps * 10.0**k for k in range(first, last + 1)])
@@ -115,7 +115,7 @@ def scaled(
     figure: go.Figure, row: int, values: Sequence[Array], name: str, output: Variable, display: Display,
     *, symmetric: bool = False,
 ) -> None:  # fmt: skip
-    """One range for both axes of a panel: the output as it is shown at the left, its second scale at the right."""
+    """Set one range for both axes of a panel: the display unit at the left, the second unit at the right."""
     known = np.concatenate(values)
     known = known[np.isfinite(known)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
@@ -138,7 +138,7 @@ def scaled(
 
 
 def stems(figure: go.Figure, row: int, column: int, test: ResidualTest, period: float) -> None:
-    """Coefficients over their lags as bars, in the colour of an alarm beyond the bounds."""
+    """Draw coefficients over their lags as bars, with another colour beyond the bounds."""
     colours = np.where(np.abs(test.values) > test.bound, BOUND, ERROR).tolist()
     lags = np.asarray(period * test.lags)
     bars = go.Bar(
@@ -161,6 +161,6 @@ def stems(figure: go.Figure, row: int, column: int, test: ResidualTest, period: 
 
 
 def data(x: Array, y: Array) -> dict[str, Any]:
-    """A line's data: no more points than a browser likes, no more digits than an eye sees."""
+    """The data of a line, with as many points and digits as a browser can show."""
     stride = max(1, -(-len(x) // POINTS))
     return {"x": x[::stride].astype(np.float32), "y": y[::stride].astype(np.float32)}

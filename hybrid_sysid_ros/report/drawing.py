@@ -1,4 +1,4 @@
-"""Drawing: a free run or a closed loop over time as a figure of its own, which a notebook shows."""
+"""Drawing: a free run or a closed loop over time as a single figure, for notebooks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 HEIGHT, LOW = 230, 130
-"""Of a panel with an output, and of one with an error or an input [pixels]."""
+"""Height of a panel with an output, and of one with an error or an input [pixels]."""
 
 
 def free_run_figure(rig: Rig, time: Array, measured: Array, simulated: Array) -> Figure:
@@ -59,7 +59,7 @@ def loop_figure(rig: Rig, time: Array, outputs: Array, references: Array, inputs
 
 
 def _panels(rows: list[int]) -> tuple[Any, Figure]:
-    """The charts, which need plotly, and panels of these heights."""
+    """The module of charts, which needs plotly, and panels of these heights."""
     with extra("report"):
         from hybrid_sysid_ros.report import charts
     height = sum(rows) + 70

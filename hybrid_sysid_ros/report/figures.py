@@ -1,4 +1,4 @@
-"""Figures of free runs: over time, what their residuals hold, how errors grow with the horizon."""
+"""Figures of free runs: over time, tests of their residuals, and errors over the horizon."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from hybrid_sysid_ros.report.sections import FreeRunSection, IdentificationSecti
 from hybrid_sysid_ros.rigs.sensor import Display
 
 LABEL = 20
-"""Characters beside a low panel."""
+"""Most characters beside a low panel."""
 
 FREE_RUN_AT = 2.2
-"""Where the free run's value is drawn, in longest horizons."""
+"""Abscissa of the free run's value, in longest horizons."""
 
 NARROW = 4.0
-"""Times that a logarithmic axis may span and still have all digits as its ticks: of 1, 2 and 5 there would be one."""
+"""Ratio of a logarithmic axis' ends below which it has ticks at all digits, not only at 1, 2 and 5."""
 
 
 def free_run(run: FreeRunSection) -> go.Figure:
@@ -51,7 +51,7 @@ def free_run(run: FreeRunSection) -> go.Figure:
 
 
 def residual_tests(section: IdentificationSection) -> go.Figure:
-    """A row a record, a column a test; grey bands are the bounds."""
+    """Residual tests with a row for each record and a column for each test; grey bands are the bounds."""
     runs, columns = section.runs, section.tests
     figure = make_subplots(
         rows=len(runs),
@@ -77,14 +77,14 @@ def residual_tests(section: IdentificationSection) -> go.Figure:
 
 
 def _beside(run: FreeRunSection, rig: str) -> str:
-    """What a run is called beside a low panel, where a long name would run into the next one: record over output."""
+    """Name of a run beside a low panel, shortened: the record above the output."""
     record, _, output = run.name.removeprefix(f"{rig}_").partition(", ")
     parts = (part if len(part) <= LABEL else f"{part[: LABEL - 1]}…" for part in (record, output) if part)
     return "<br>".join(parts)
 
 
 def friction(section: IdentificationSection) -> go.Figure:
-    """Friction over speed of the model and of others beside it."""
+    """Friction over speed of the model and of others for comparison."""
     figure, system = go.Figure(), section.model.system
     dress(figure, 300)
     for number, (name, curve) in enumerate(section.friction.items()):
@@ -97,7 +97,7 @@ def friction(section: IdentificationSection) -> go.Figure:
 
 
 def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
-    """RMSE and 1 - R2 over the horizon, both logarithmic; points at the right are the run over the whole record."""
+    """RMSE and 1 - R2 over the horizon, both logarithmic; points at the right belong to the whole record."""
     figure = make_subplots(rows=1, cols=2, horizontal_spacing=0.09)
     dress(figure, 380)
     longest = max(float(item.seconds[-1]) for item in lines)

@@ -19,16 +19,16 @@ class FurtherSection:
     text: str = ""
     headings: Sequence[str] = ()
     rows: Sequence[Sequence[object]] = ()
-    """Of the table."""
+    """Rows of the table."""
     figures: Sequence[Any] = ()
-    """Of plotly."""
+    """Plotly figures."""
 
 
 def further_sections(
     identification: IdentificationSection, closed_loop: ClosedLoopSection | None
 ) -> Iterator[tuple[str, FurtherSection]]:
-    """Name and section of each extension that has one for this model and loop. One that fails tells why in its place:
-    the rest of a report does not depend on it.
+    """Name and section of each extension that has one for this model and loop. A section that fails is replaced by the
+    reason, so that the rest of a report does not depend on it.
     """
     for name, make in extensions.provided("report").items():
         try:

@@ -26,11 +26,11 @@ from hybrid_sysid_ros.report.charts import (
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
-TAIL_POINTS = 600  # of a distribution at most
+TAIL_POINTS = 600  # most points of a distribution
 
 
 def tracking(section: ClosedLoopSection) -> go.Figure:
-    """Each tracked output with its reference, its tracking error, what else has bounds, and the inputs with theirs."""
+    """Each tracked output with reference and tracking error, other outputs with bounds, and inputs with bounds."""
     loop, rig = section.loop, section.rig
     tracked, inputs = loop.tracked, len(rig.actuators)
     weights = [0.46, 0.24] * len(tracked) + [0.3] * (len(section.bounds) + inputs)
@@ -62,7 +62,7 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
 
 
 def zoom(section: ClosedLoopSection, name: str) -> go.Figure:
-    """An output with its reference, and the inputs, from one moment to another."""
+    """An output with its reference, and the inputs, over a window."""
     loop, rig, window = section.loop, section.rig, section.zooms[name]
     output, display = rig.system.outputs[window.output], rig.display[window.output]
     inside, inputs = loop.within(window.start, window.stop), len(rig.actuators)
@@ -79,7 +79,7 @@ def zoom(section: ClosedLoopSection, name: str) -> go.Figure:
 
 
 def delays(section: ClosedLoopSection) -> go.Figure:
-    """Delay of every command over time, and how many are later than a delay."""
+    """Delay of every command over time, and the share of commands above each delay."""
     loop = section.loop
     values = 1e3 * (loop.delay if loop.is_real_time else loop.turnaround)
     figure = make_subplots(rows=1, cols=2, column_widths=[0.6, 0.4], horizontal_spacing=0.09)
@@ -122,7 +122,7 @@ def delays(section: ClosedLoopSection) -> go.Figure:
 
 
 def _bounded(figure: go.Figure, row: int, loop: LoopRecord, k: int, limits: tuple[float, float]) -> None:
-    """An output with its bounds."""
+    """Draw an output with its bounds."""
     output, display = loop.rig.system.outputs[k], loop.rig.display[k]
     measured = display.shown(loop.outputs[:, k])
     bounds = [float(display.shown(np.float64(limit))) for limit in limits if np.isfinite(limit)]
@@ -133,7 +133,7 @@ def _bounded(figure: go.Figure, row: int, loop: LoopRecord, k: int, limits: tupl
 
 
 def _input(figure: go.Figure, row: int, loop: LoopRecord, index: int, inside: NDArray[np.bool_] | None = None) -> None:
-    """An input with its bounds."""
+    """Draw an input with its bounds."""
     chosen = np.ones(len(loop.time), dtype=bool) if inside is None else inside
     actuator, item = loop.rig.actuators[index], loop.rig.system.inputs[index]
     line(figure, row, loop.time[chosen], loop.inputs[chosen, index], item.name, INPUT, shape="hv", legend=False)

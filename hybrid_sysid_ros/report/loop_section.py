@@ -1,4 +1,4 @@
-"""What a report tells of a recorded loop, worked out; nothing here draws."""
+"""The section of a report on a recorded loop, as data without figures."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 SAME_REFERENCE = 1e-3
-"""Largest median distance of a loop's reference from one of the rig's, by that one's peak."""
+"""Largest median distance of a loop's reference from the rig's, relative to its peak, for both to be the same."""
 SMOOTH = ("sine", "multisine", "swept_sine")
 """Kinds of references without jumps."""
 STEP_SHOWN, SMOOTH_SHOWN = (1.0, 2.25), (5.0, 15.0)
-"""What is shown larger: before and after a step, or from and to in a smooth part, in horizons of the controller."""
+"""Windows that are enlarged, in horizons: before and after a step, or start and end in a smooth part."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """Where tracking of an output is judged or shown, from and to [s]."""
+    """A window [s] in which tracking of an output is judged or shown."""
 
     output: int
     start: float
@@ -36,11 +36,11 @@ class ClosedLoopSection:
 
     loop: LoopRecord
     windows: Mapping[str, Window] = field(default_factory=dict)
-    """Where tracking is judged, by name."""
+    """Windows in which tracking is judged, by name."""
     zooms: Mapping[str, Window] = field(default_factory=dict)
-    """What is shown larger, by name."""
+    """Windows that are enlarged, by name."""
     bounds: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-    """Of outputs that no reference tells but the controller holds within bounds: lowest and highest value [SI]."""
+    """Lowest and highest value [SI] of outputs without a reference that the controller keeps within bounds."""
 
     @property
     def rig(self) -> Rig:
@@ -55,7 +55,7 @@ class ClosedLoopSection:
 
     @property
     def rmse(self) -> dict[str, float]:
-        """Tracking errors of the windows, as the outputs are shown."""
+        """Tracking errors in the windows, in display units."""
         return {
             name: self.loop.tracking_rmse(item.start, item.stop, output=item.output)
             for name, item in self.windows.items()
@@ -63,7 +63,7 @@ class ClosedLoopSection:
 
     @property
     def units(self) -> dict[str, str]:
-        """Their units."""
+        """Units of the tracking errors."""
         return {name: self.rig.display[item.output].unit for name, item in self.windows.items()}
 
 
@@ -101,7 +101,7 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
 
 
 def _bounds(loop: LoopRecord, rig: Rig, problem: ControlProblem) -> dict[int, tuple[float, float]]:
-    """Bounds of the outputs that are states, as the rig's file tells them."""
+    """Bounds of the outputs that are states, from the rig's file."""
     names = [item.name for item in rig.system.states]
     limits = dict(zip(names, zip(problem.state_low, problem.state_high, strict=True), strict=True))
     return {
@@ -112,7 +112,7 @@ def _bounds(loop: LoopRecord, rig: Rig, problem: ControlProblem) -> dict[int, tu
 
 
 def _followed(loop: LoopRecord, schedule: ReferenceSchedule) -> bool:
-    """Whether a loop followed a schedule of its rig."""
+    """Whether a loop followed a reference schedule of its rig."""
     wanted = schedule(loop.time)
     started = loop.time >= 0.0
     for k in loop.tracked:
@@ -125,7 +125,7 @@ def _followed(loop: LoopRecord, schedule: ReferenceSchedule) -> bool:
 
 
 def _largest_step(loop: LoopRecord, window: Window, horizon: float) -> tuple[float, float]:
-    """Around the reference's largest jump in a window, by the length of the controller's horizon [s]."""
+    """Start and stop [s] around the reference's largest jump in a window, for a controller's horizon [s]."""
     reference = loop.reference[:, window.output]
     inside = np.isfinite(reference) & loop.within(window.start + 0.5, window.stop)
     jump = np.abs(np.diff(np.nan_to_num(reference))) * (inside[1:] & inside[:-1])

@@ -1,4 +1,4 @@
-"""Rendering: the report's page, figures and numbers in HTML with everything in it."""
+"""Rendering: the report as one self-contained HTML page with figures and numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TEMPLATES = Path(__file__).parent
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 CONFIG = {
     "displaylogo": False,
-    "showSendToCloud": False,  # measurements stay where they are: plotly would offer to upload them
+    "showSendToCloud": False,  # plotly would offer to upload measurements
     "plotlyServerURL": "",
     "responsive": True,
     "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d"],
@@ -30,7 +30,7 @@ CONFIG = {
 
 
 def check_available() -> None:
-    """Raise UserError if what draws a report is not installed."""
+    """Raise UserError where the libraries of reports are not installed."""
     with extra("report"):
         import jinja2  # noqa: F401
         import plotly  # noqa: F401
@@ -68,7 +68,7 @@ def write_report(
 def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **filters: Callable[..., str]) -> Path:
     """Write a page; an older one is replaced once the new one is whole. A template may use those of this package.
 
-    filters: further ones of the template.
+    filters: further filters of the template.
 
     Raises UserError where the place cannot be written.
     """
@@ -91,7 +91,7 @@ def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **f
 
 
 def drawn(figure: Any, name: str) -> str:
-    """A figure as HTML; name: its own among the page's figures (headings have ids, too)."""
+    """A figure as HTML; name: unique among the page's figures and headings."""
     import plotly.io
 
     html = plotly.io.to_html(figure, config=CONFIG, include_plotlyjs=False, full_html=False, div_id=f"figure-{name}")
@@ -99,11 +99,11 @@ def drawn(figure: Any, name: str) -> str:
 
 
 def identification_content(section: IdentificationSection, prefix: str = "") -> dict[str, Any]:
-    """What the blocks of a page show of a model and its free runs; prefix: of the ids of its figures."""
+    """Content of a page's blocks on a model and its free runs; prefix: that of the figures' ids."""
     from hybrid_sysid_ros.report import figures
 
     runs, kind, system = section.runs, section.model.kind, section.model.system
-    curves: dict[str, list[FreeRunSection]] = {}  # of each output, for each has its own unit
+    curves: dict[str, list[FreeRunSection]] = {}  # by output, since each has its own unit
     for run in runs:
         if np.isfinite(run.horizons.rmse).any():
             curves.setdefault(run.output.name, []).append(run)
@@ -136,7 +136,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
 
 
 def significant(value: float | None, digits: int = 4) -> str:
-    """A number with so many digits that count, without an exponent where it can be read."""
+    """A number with so many significant digits, without an exponent where it is readable."""
     if value is None or not math.isfinite(value):
         return "\N{EN DASH}"
     if value != 0.0 and not 1e-4 <= abs(value) < 1e6:
@@ -149,22 +149,22 @@ def significant(value: float | None, digits: int = 4) -> str:
 
 
 def seconds(value: float) -> str:
-    """A time [s]: tenths, and of less than one two digits that count."""
+    """A time [s] to a tenth, or to two significant digits below one second."""
     return f"{value:.1f}" if value >= 1.0 else f"{value:.2g}"
 
 
 def probability(value: float) -> str:
-    """A p-value, as far down as it says anything."""
+    """A p-value, down to the smallest meaningful one."""
     return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
 
 
 def sentence(text: str) -> str:
-    """With a capital at its beginning; names in it keep theirs."""
+    """A text with a capital at its beginning; names in it are not changed."""
     return text[:1].upper() + text[1:]
 
 
 def part_text(part: Part) -> str:
-    """Which part of a record."""
+    """A part of a record in words."""
     return "whole" if (part.start, part.stop) == (0.0, 1.0) else f"{part.start:g} to {part.stop:g}"
 
 
@@ -207,7 +207,7 @@ def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
 
 
 def closed_content(section: ClosedLoopSection) -> dict[str, Any]:
-    """What the blocks of a page show of a recorded loop."""
+    """Content of a page's blocks on a recorded loop."""
     from hybrid_sysid_ros.report import loop_figures
 
     loop = section.loop
@@ -227,7 +227,7 @@ def closed_content(section: ClosedLoopSection) -> dict[str, Any]:
 def _hashes(
     identification: IdentificationSection, closed_loop: ClosedLoopSection | None, provenance: Provenance
 ) -> dict[str, str]:
-    """SHA-256 of everything that the report rests on, by name."""
+    """SHA-256 of all data behind the report, by name."""
     found = dict(provenance.hashes)
     found.update({f"record, {run.record}": run.digest for run in identification.runs})
     if closed_loop is not None:

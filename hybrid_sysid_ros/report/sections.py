@@ -1,4 +1,4 @@
-"""Sections: what a report tells, worked out; nothing here draws."""
+"""Sections: the content of a report, as data without figures."""
 
 from __future__ import annotations
 
@@ -51,22 +51,22 @@ class FreeRunSection:
     """One output of a model's free run over a record, or a part of it; SI units."""
 
     name: str
-    """What tables and figures call it."""
+    """Its name in tables and figures."""
     record: str
     output: Variable
     display: Display
     digest: str
     part: Part
     seen: bool | None
-    """Whether this part overlaps with the model's training data; None where hashes are missing to tell."""
+    """Whether this part overlaps with the model's training data; None where hashes are missing."""
     scores: Scores
-    """Of the scored samples."""
+    """Scores of the scored samples."""
     time: Array
-    """Of the record, (samples,) [s]."""
+    """Times of the record, (samples,) [s]."""
     measured: Array
     """(samples,)."""
     simulated_time: Array
-    """Of the free run at its integration step, (steps,) [s]."""
+    """Times of the free run at its integration step, (steps,) [s]."""
     simulated: Array
     """(steps,)."""
     residual_time: Array
@@ -74,15 +74,15 @@ class FreeRunSection:
     residuals: Array
     """Measured minus simulated, (scored samples,)."""
     tests: Mapping[str, ResidualTest]
-    """Residual tests by the keys of the section's tests, none where there is nothing to test."""
+    """Residual tests by the keys of the section's tests; empty where there is nothing to test."""
     horizons: HorizonErrors
     """Errors over the horizon."""
     again: Resimulation | None
-    """The experiment done again in closed loop."""
+    """The re-simulated experiment in closed loop, if any."""
     skipped: str
-    """Why it was not."""
+    """Why it was not re-simulated."""
     kind: str = FREE
-    """What ran: free, or under the stabiliser of a rig that is unstable."""
+    """Kind of the run: free, or under the stabiliser of an unstable rig."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,22 +92,22 @@ class IdentificationSection:
     model: Model
     runs: Sequence[FreeRunSection]
     stages: Sequence[StageResiduals] = ()
-    """Of a hybrid by residual: what its gray box leaves, and what is left with its residual's model."""
+    """Residuals of the model's stages, such as a gray box alone and with its residual's model."""
     adapted: Mapping[str, Adapted] = field(default_factory=dict)
-    """By record: the free run over the rest of it, without and with the input bias that its first seconds show."""
+    """By record, free runs over its rest, without and with the input bias from its first seconds."""
     friction: Mapping[str, FrictionCurve] = field(default_factory=dict)
-    """Of the model and of others beside it, by name."""
+    """Friction curves of the model and of others for comparison, by name."""
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
-        """Pairs of physical parameters whose estimates are highly correlated, most first: names and coefficient."""
+        """Pairs of physical parameters with highly correlated estimates, largest first: names and coefficient."""
         physical = self.model.standard_errors
         pairs = correlated(self.model.names, self.model.covariance)
         return [pair for pair in pairs if pair[0] in physical and pair[1] in physical]
 
     @property
     def doubts(self) -> list[Doubt]:
-        """What the data don't determine."""
+        """Parameters that the data don't determine."""
         return doubts(self.model)
 
     @property
@@ -119,7 +119,7 @@ class IdentificationSection:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """Where a report comes from; hashes and versions by name."""
+    """Provenance of a report: command, hashes and versions by name."""
 
     command: str
     hashes: Mapping[str, str] = field(default_factory=dict)
@@ -129,7 +129,7 @@ class Provenance:
 def identification_section(
     model: Model, records: Iterable[tuple[Record, Part]], adapted: Mapping[str, Adapted] | None = None
 ) -> IdentificationSection:
-    """Free runs of a model over (parts of) records. adapted: by record, what an input bias changes.
+    """Free runs of a model over (parts of) records. adapted: by record, the effect of an input bias.
 
     Raises UserError where a record does not fit the model's sampling.
     """
@@ -139,7 +139,7 @@ def identification_section(
 
 
 def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[StageResiduals, ...]:
-    """What the stages of a model leave of (parts of) records; empty where it has none.
+    """Residuals of a model's stages on (parts of) records; empty where it has no stages.
 
     Raises UserError where a record does not fit the model's sampling.
     """
@@ -149,8 +149,8 @@ def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[Sta
 
 
 def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSection]:
-    """The outputs of a model's free run over a part of a record, scored and tested; of an unstable rig's model of a run
-    that its stabiliser closes.
+    """The outputs of a model's free run over a part of a record, scored and tested; for an unstable rig the run is in
+    closed loop with its stabiliser.
 
     Raises UserError where the record does not fit the model's sampling.
     """
@@ -201,9 +201,9 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
 
 
 def provenance(model: Model, command: str, *, hashes: Mapping[str, str] | None = None) -> Provenance:
-    """Where a report on a model comes from: the command that makes it, the hashes of model and training records.
+    """Provenance of a report on a model: its command, and the hashes of model and training records.
 
-    hashes: further ones, by name.
+    hashes: further hashes by name.
     """
     found = {"model": model.seal}
     for entry in model.records:
@@ -214,7 +214,7 @@ def provenance(model: Model, command: str, *, hashes: Mapping[str, str] | None =
 
 
 def _seen(model: Model, record: Record, part: Part) -> bool | None:
-    """Whether a part of a record overlaps with what the model was trained on; None where nobody can tell."""
+    """Whether a part of a record overlaps with the model's training data; None where this is unknown."""
 
     def overlaps(entry: Mapping[str, Any]) -> bool:
         start, stop = entry.get("part", (0.0, 1.0))
@@ -233,7 +233,7 @@ def _further(name: str) -> str:
 def _tests(residuals: Array, inputs: Array, names: Sequence[str], reference: Array | None) -> dict[str, ResidualTest]:
     """Residual tests of residuals (samples,) against inputs (samples, m) by their names and a reference (samples,).
 
-    Signals are at least as long; without those of signals that are constant or not known. The first input is u.
+    Signals are at least as long; constant and unknown ones are left out. The first input is u.
     """
     length = len(residuals)
     signals = {"phi_ue": inputs[:length, 0], "phi_re": np.zeros(0) if reference is None else reference[:length]}

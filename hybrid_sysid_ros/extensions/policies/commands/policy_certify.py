@@ -14,7 +14,7 @@ from hybrid_sysid_ros.commands.terminal import (
     Driver,
     OwnRig,
     Seed,
-    Workers,
+    WorkerCount,
     console,
     print_table,
     status,
@@ -52,7 +52,7 @@ def command(
     seed: Seed = 0,
     seconds: Annotated[float | None, typer.Option(help="Length of a loop [s].", min=0.02, max=8.0)] = None,
     delta: Annotated[float, typer.Option(help="Probability with which one of all bounds may be wrong.")] = DELTA,
-    workers: Workers = 0,
+    workers: WorkerCount = 0,
     cluster: ClusterAddress = "",
     again: Annotated[
         int | None,

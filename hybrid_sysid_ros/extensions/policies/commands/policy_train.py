@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import ClusterAddress, Overwrite, OwnRig, Seed, Workers, print_table, status
+from hybrid_sysid_ros.commands.terminal import ClusterAddress, Overwrite, OwnRig, Seed, WorkerCount, print_table, status
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.library.policies import DEFAULT, train_policy
 from hybrid_sysid_ros.models.structure import parse
@@ -45,7 +45,7 @@ def command(
             "--follow", metavar="NAME=SPREAD", help="Parameter of the model that the policy adapts to, in its unit."
         ),
     ] = None,
-    workers: Workers = 0,
+    workers: WorkerCount = 0,
     cluster: ClusterAddress = "",
     rig: OwnRig = "",
     overwrite: Overwrite = False,
