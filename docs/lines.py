@@ -14,7 +14,9 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.files import written_file
 
 WIDTH, RIGHT, TOP, GAP, BOTTOM, LABEL = 560, 22, 34, 18, 28, 57
-"""In pixels; LABEL is from the label of an axis to the axis."""
+"""Of the drawing; LABEL is from the label of an axis to the axis."""
+PAGE = 720
+"""Width on a page that is wide enough [pixels]."""
 SEEN = 0.4
 """By how much a line may be off without anybody who sees it [pixels]."""
 STYLE = """
@@ -64,8 +66,9 @@ def draw(
     """Write panels above one another that share their time (samples,) [s]. beside: what stands left of them."""
     height = TOP + sum(panel.height + GAP for panel in panels) - GAP + BOTTOM
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img" '
-        f'font-family="sans-serif" font-size="15"><title>{escape(title)}</title>',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" width="{PAGE}" '
+        f'height="{height * PAGE / WIDTH:.0f}" role="img" font-family="sans-serif" font-size="15">',
+        f"<title>{escape(title)}</title>",
         f"<style>{STYLE}{style}</style>",
         f'<rect class="paper" width="{WIDTH}" height="{height}" rx="6"/>',
         *beside,
