@@ -37,7 +37,11 @@ ARGUMENTS = {
     "solver": ("sqp", ("sqp", "ipopt"), "of the exact MPC; ipopt is the slow reference"),
     "model": ("", (), "folder of the model; empty: the shipped one"),
     "reference": ("", (), "one of the rig's references, constant, steps, sine or multisine; empty: the rig's first"),
-    "simulated": ("true", TRUTHS, "false: the rig is real: its driver has joint_states and joint_command"),
+    "simulated": (
+        "true",
+        TRUTHS,
+        "false: the rig is real: its driver has joint_states and joint_command, and the loop waits for the service arm",
+    ),
     "lockstep": ("false", TRUTHS, "true: as fast as the nodes answer, in simulated time, the same in every run"),
     "composed": ("false", TRUTHS, "true: all but the recorder in one process and one loop"),
     "respawn": ("false", TRUTHS, "true: a node that dies is started again; false: the launch ends with it"),
@@ -95,6 +99,7 @@ def parameters(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
         values[node] = {**values.get(node, {}), **{name: own[name] for name in own if own[name] != usual[name]}}
     if given["simulated"] == "false":
         del values["plant"]
+        values["controller"]["armed"] = False  # a real rig does not move before somebody has said so
     return values
 
 
