@@ -258,7 +258,7 @@ class AgeingLaw(_Static):
     rest_time: float = bounded(0.5, 1e-4, 1e5, unit="s")
     """T, in which a contact ages."""
     memory: float = bounded(0.005, 1e-7, 1e2, unit="m")
-    """L, the way of sliding that renews it."""
+    """L, the sliding displacement that renews it."""
 
     def excess(self, x: Vector, u: Vector) -> Scalar:
         return (self.static - self.coulomb) / self.mass
