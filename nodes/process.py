@@ -9,6 +9,7 @@ import resource
 import signal
 import socket
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from threading import Thread, get_ident
 from typing import TYPE_CHECKING
@@ -46,6 +47,8 @@ def run(make: Callable[[], RigNode | Sequence[RigNode]], *, together: bool = Fal
     """
     ending = Interruption()
     sys.setswitchinterval(SWITCH_INTERVAL)
+    # A client that went while it was answered, or asks again: nothing that a user could mend.
+    warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     gc.freeze()  # what was imported stays: no collection looks at it again
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()

@@ -253,6 +253,17 @@ def test_the_loop_is_judged_on_the_windows_of_the_hardware_reference(text):
     assert {"figure-tracking", "figure-zoom-0", "figure-zoom-1", "figure-delays"} <= set(page.ids)
 
 
+def test_the_report_says_of_a_run_what_the_terminal_does(section, model, tmp_path):
+    plant = {"measurements": 100, "missed_commands": 9, "delay_ms_p50": 1.0, "delay_ms_p99": 2.0, "delay_ms_max": 7.0}
+    loop = report.closed_loop_section(loop_of(), RIG)
+    run = report.RunSummary.of({"plant": plant}, RIG, section=loop)
+    path = report.write_report(tmp_path / "report.html", section, loop, report.provenance(model, "demo"), run)
+    page = Page(path.read_text(encoding="utf-8")).text
+    for name, words in run.lines.items():
+        assert f"{name} {words}" in page
+    assert "recorded misses" not in page
+
+
 def test_provenance_names_command_versions_and_hashes(text, first):
     page = Page(text).text
     assert "make demo < now" in page

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +15,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands.terminal import RigName, console, print_table
+from hybrid_sysid_ros.commands.terminal import RigName, console, print_lines, print_table
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
@@ -99,17 +101,18 @@ def demo(out: Path, records: RecordSplit | None = None, *, rig: str = "", train:
         for controller in (imitation, ExactMpc(system, imitation.problem))
     ]
     section = report.closed_loop_section(loop, described)
+    run = report.RunSummary.of(diagnostics, described, bag=bag, section=section)
     summary = {
         "identification": _identified(model, records, described),
         "closed_loop": tracked(section, plan) | {"cost_ratio_to_exact": round(costs[0] / costs[1], 4)},
-        "timing": timing_of(diagnostics["plant"]),
+        "run": run.content,
     }
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
-    called = f"make demo{'' if described.name == default() else f' RIG={rig}'}{' TRAIN=1' if train else ''}"
+    called = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     sections = report.identification_section(model, records.tests), section
-    report.write_report(out / "report.html", *sections, report.provenance(model, called))
+    report.write_report(out / "report.html", *sections, report.provenance(model, called), run)
     print_table(_table(summary))
-    console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
+    print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})
     return summary
 
 
@@ -127,15 +130,6 @@ def _identified(model: Model, records: RecordSplit, rig: Rig) -> dict[str, Any]:
         "records": records.source,
         "stabilised_run_r2" if held else "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
         "fit_seconds": model.fit["seconds"],
-    }
-
-
-def timing_of(plant: Mapping[str, Any]) -> dict[str, Any]:
-    """The summary of the loop's delays at the plant; the report shows those at the recorder, with its own delays."""
-    return {
-        "delay_ms": {key: round(plant[f"delay_ms_{key}"], 4) for key in ("p50", "p99", "max")},
-        "missed_commands": plant["missed_commands"],
-        "measurements": plant["measurements"],
     }
 
 
@@ -186,12 +180,5 @@ def _table(summary: dict[str, Any]) -> Table:
         for record, r2 in identified.get(f"{run}_r2", {}).items():
             table.add_row(f"{run.replace('_', ' ')} R2 {record}", f"{r2:.3f}")
     table.add_row("time of the fit", f"{identified['fit_seconds']:.2g} s")
-    unit = summary["closed_loop"]["unit"]
-    for part, rmse in summary["closed_loop"]["tracking_rmse"].items():
-        table.add_row(f"tracking RMSE {part}", f"{rmse:.3f} {unit if isinstance(unit, str) else unit[part]}")
     table.add_row("cost, approximate to exact MPC", f"{summary['closed_loop']['cost_ratio_to_exact']:.3f}")
-    delay = summary["timing"]["delay_ms"]
-    table.add_row("loop delay p50 / p99 / max", f"{delay['p50']:.2f} / {delay['p99']:.2f} / {delay['max']:.2f} ms")
-    timing = summary["timing"]
-    table.add_row("missed commands", f"{timing['missed_commands']} of {timing['measurements']}")
     return table

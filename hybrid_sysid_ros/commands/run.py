@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Driver, Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import (
+    Driver,
+    Json,
+    Overwrite,
+    RigName,
+    console,
+    print_lines,
+    print_table,
+    status,
+)
+from hybrid_sysid_ros.report.run_summary import RunSummary
+from hybrid_sysid_ros.rigs.rig import default
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.companion import Companion
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import Interrupted
@@ -43,9 +56,11 @@ def command(
         bool, typer.Option("--composed", help="Run all nodes but the recorder in one process.")
     ] = False,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print all diagnostics at the end.")] = False,
+    as_json: Json = False,
     companions: Sequence[Companion] = (),
 ) -> None:
-    """Run plant, estimator, controller and reference as ROS 2 nodes."""
+    """Run plant, estimator, controller and reference as ROS 2 nodes; end with six lines on how it went."""
     with progress_bars(status) as update:
 
         def progress(seconds: float, expected: float) -> None:
@@ -70,14 +85,22 @@ def command(
             tell=status.print,
             progress=progress,
         ).go()
+    kept = outcome.bag if outcome.bag is not None and outcome.bag.exists() else None
+    if outcome.diagnostics:
+        summary = RunSummary.of(outcome.diagnostics, load_rig(rig or default()), bag=kept, lockstep=lockstep)
+        if as_json:
+            console.print(json.dumps(summary.content | {"diagnostics": outcome.diagnostics}, indent=2))
+        else:
+            if verbose:
+                print_table(_table(outcome.diagnostics))
+            print_lines(summary.lines)
+    if outcome.interrupted:
+        raise Interrupted(f"{outcome.bag} holds what was recorded" if kept else "")
+
+
+def _table(diagnostics: Mapping[str, Mapping[str, Any]]) -> Table:
     table = Table("node", "quantity", "value", title="last diagnostics")
-    for node, values in outcome.diagnostics.items():
+    for node, values in diagnostics.items():
         for key, value in values.items():
             table.add_row(node, key, f"{value:.4g}" if isinstance(value, float) else str(value))
-    if outcome.diagnostics:
-        print_table(table)
-    if outcome.interrupted:
-        kept = outcome.bag is not None and outcome.bag.exists()
-        raise Interrupted(f"{outcome.bag} holds what was recorded" if kept else "")
-    if outcome.bag is not None:
-        console.print(str(outcome.bag))
+    return table

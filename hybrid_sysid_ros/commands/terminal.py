@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Annotated, Any, Literal
 
 import typer
@@ -82,6 +83,15 @@ def print_table(table: Table) -> None:
         shown.print(table.title, style="table.title")
         table.title = None
     shown.print(table)
+
+
+def print_lines(lines: Mapping[str, str]) -> None:
+    """Print sentences behind what they are about."""
+    indent = " " * (max(map(len, lines)) + 2)
+    room = console.width if console.is_terminal else WIDEST
+    for name, words in lines.items():
+        begin = name.ljust(len(indent))
+        console.print(fill(words, room, initial_indent=begin, subsequent_indent=indent, break_long_words=False))
 
 
 def end(problems: Sequence[str]) -> None:

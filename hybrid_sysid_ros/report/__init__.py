@@ -3,6 +3,7 @@
 from hybrid_sysid_ros.report.further import FurtherSection
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
 from hybrid_sysid_ros.report.rendering import check_available, write_report
+from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.report.sections import (
     FreeRunSection,
     IdentificationSection,
@@ -17,6 +18,7 @@ __all__ = [
     "FurtherSection",
     "IdentificationSection",
     "Provenance",
+    "RunSummary",
     "check_available",
     "closed_loop_section",
     "identification_section",

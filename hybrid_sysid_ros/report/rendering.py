@@ -13,6 +13,7 @@ from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
 from hybrid_sysid_ros.report.further import further_sections
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
+from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.report.sections import FREE, FreeRunSection, IdentificationSection, Provenance
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.files import written_file
@@ -41,8 +42,9 @@ def write_report(
     identification: IdentificationSection,
     closed_loop: ClosedLoopSection | None,
     provenance: Provenance,
+    summary: RunSummary | None = None,
 ) -> Path:
-    """Write the report; an older one is replaced once the new one is whole.
+    """Write the report; an older one is replaced once the new one is whole. summary: of the run that made the loop.
 
     Raises UserError where plotly or jinja2 is not installed, or the place cannot be written.
     """
@@ -51,6 +53,7 @@ def write_report(
         "title": f"{identification.model.rig}: {identification.model.structure} model",
         "part": identification_content(identification),
         "closed": None if closed_loop is None else closed_content(closed_loop),
+        "summary": summary,
         "further": [
             {
                 "name": name,

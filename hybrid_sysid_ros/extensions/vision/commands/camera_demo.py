@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,8 +14,8 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.demo import OUT, run_loop, timing_of, tracked, write_text
-from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.commands.demo import OUT, run_loop, tracked, write_text
+from hybrid_sysid_ros.commands.terminal import console, print_lines, print_table, status
 from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.extensions.vision.camera.film import CRF
 from hybrid_sysid_ros.extensions.vision.camera.filming import filmed
@@ -112,6 +114,7 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
         out / "loop", described, plan.reference, model=model_folder, companions=[Vision(layers=layers_folder)]
     )
     loop = report.closed_loop_section(LoopRecord.from_bag(bag, described), described)
+    run = report.RunSummary.of(diagnostics, described, bag=bag, section=loop)
     console.print("4 predicting the pictures of the film")
     ahead = image_prediction.of_video(film, model, described, recorded, record, layers, exposure=CAMERA.exposure)
     print_table(ahead_table(ahead))
@@ -120,16 +123,16 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
         "closed_loop": tracked(loop, plan) | {"of": "the true position", "sensor": "camera"},
         "frames": {key: int(diagnostics["vision"][f"{key}_frames"]) for key in NOT_READ}
         | {"read": int(diagnostics["vision"]["frames"])},
-        "timing": timing_of(diagnostics["plant"]),
+        "run": run.content,
         "pictures_ahead": {f"{seconds:g} s": _ahead(ahead, seconds) for seconds in AHEAD},
     }
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
-    called = f"make demo CAMERA=1{'' if described.name == default() else f' RIG={rig}'}"
+    called = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     sources = {f"film, {film.name}": sha256(film), f"bag, {recorded.name}": sha256(recorded)}
     provenance = report.provenance(model, called, hashes=sources)
     write_video(out / "report.html", record, layers, f"{described.name} by camera", provenance, ahead=ahead, loop=loop)
     print_table(_table(summary))
-    console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
+    print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})
     return summary
 
 
@@ -164,16 +167,9 @@ def _ahead(rows: list[Judged], seconds: float) -> dict[str, float]:
 
 def _table(summary: Mapping[str, Any]) -> Table:
     table = Table("quantity", "value", title="demo by camera")
-    closed, frames = summary["closed_loop"], summary["frames"]
-    for part, rmse in closed["tracking_rmse"].items():
-        unit = closed["unit"] if isinstance(closed["unit"], str) else closed["unit"][part]
-        table.add_row(f"tracking RMSE {part}, true position", f"{rmse:.3f} {unit}")
+    frames = summary["frames"]
     lost = sum(frames[key] for key in NOT_READ)
     table.add_row("frames lost", f"{lost} of {frames['read']}")
     farthest = summary["pictures_ahead"][f"{max(AHEAD):g} s"]
     table.add_row(f"likeness of pictures {max(AHEAD):g} s ahead", f"{farthest['likeness']:.3f}")
-    delay = summary["timing"]["delay_ms"]
-    table.add_row("loop delay p50 / p99 / max", f"{delay['p50']:.2f} / {delay['p99']:.2f} / {delay['max']:.2f} ms")
-    timing = summary["timing"]
-    table.add_row("missed commands", f"{timing['missed_commands']} of {timing['measurements']}")
     return table
