@@ -18,6 +18,7 @@ from hybrid_sysid_ros.control.safety.supervisor import (
     ACCEPTED,
     COSTLIER,
     DISTURBED,
+    IMPROVED,
     INFEASIBLE,
     LAYERS,
     OUT_OF_RANGE,
@@ -209,6 +210,29 @@ def test_the_first_plan_is_the_exact_one_s_and_then_the_network_drives(case):
     assert statuses == [Status.SOLVED, *[Status.POLICY] * 4]
     assert supervisor.layers == {"exact": 1, "policy": 4}
     assert supervisor.reasons == {REASONS[WAITING]: 1, REASONS[ACCEPTED]: 4}
+
+
+def test_a_plan_is_rejected_where_a_step_of_the_exact_mpc_changes_its_first_input(case):
+    """However generous the costs are: by as much as the network is off, for the problem is linear."""
+    law = broken_policy(case)
+    generous = TOLERANCES._replace(floor=1e9, patience=0)
+    for off, step, driver in (
+        (False, 0.05, Status.POLICY),
+        (True, math.inf, Status.POLICY),
+        (True, 0.05, Status.SOLVED),
+    ):
+        supervisor = Supervisor(law, ExactMpc(case.system, case.problem), generous._replace(step=(step,)))
+        for index, instance in enumerate(instances(case, 6)):
+            plan = supervisor.control(*(bad(instance) if off else instance))
+            supervisor.prepare(case.problem.period)
+            if index:
+                assert plan.status is driver
+            np.testing.assert_allclose(
+                plan.input, law.control(*instance).input if not off and index else plan.input, atol=1e-9
+            )
+            if off and driver is Status.SOLVED:
+                np.testing.assert_allclose(plan.input, case.plan(flat(bad(instance)))[0], atol=1e-2)
+        assert supervisor.reasons[REASONS[IMPROVED]] == (5 if driver is Status.SOLVED else 0)
 
 
 def test_a_rejected_network_drives_again_after_some_good_answers(case):

@@ -189,6 +189,7 @@ def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: ControlProble
         violation=_violation(values, rig),
         disturbance=tuple(values["check_disturbance"]),
         patience=values["check_patience"],
+        step=tuple(value or math.inf for value in values["check_step"]),
     )
 
 

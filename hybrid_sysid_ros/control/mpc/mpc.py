@@ -131,6 +131,20 @@ class ExactMpc:
         self._cold = False
         return self._planned(status)
 
+    def step(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Array | None:
+        """The first inputs (m,) after one step from the plan that was adopted, linearised there; None where the program
+        has no solution. That step is the last plan then.
+        """
+        mpc = self._shooting
+        self._prepared = False
+        prepare_program(mpc.prediction, mpc.horizon, mpc.program)
+        if not factorise(mpc.program):
+            return None
+        self._instance.assign(state, disturbance, previous_input, preview)
+        parts = mpc.prediction, mpc.horizon, mpc.program, self._instance
+        found = solve_call(*parts, 1, self._tolerance, False, True, True)
+        return mpc.horizon.planned[0].copy() if found.iterations else None
+
     def _go_on(self, began: float) -> Status:
         """Iterate until solved, out of iterations or out of time."""
         mpc, most, status = self._shooting, self.problem.max_iterations, Status.NOT_CONVERGED

@@ -16,14 +16,14 @@ import numpy as np
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
-from hybrid_sysid_ros.control.mpc.shooting import follow
+from hybrid_sysid_ros.control.mpc.shooting import follow, rollout
 from hybrid_sysid_ros.control.policy.kernels import Packed, inside, network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 
-ACCEPTED, OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER, WAITING = range(6)
+ACCEPTED, OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER, WAITING, IMPROVED = range(7)
 REASONS = (
     "accepted",
     "out of range",
@@ -31,6 +31,7 @@ REASONS = (
     "not feasible",
     "costlier than the shifted plan",
     "waiting for good answers",
+    "improved by the exact MPC's next step",
 )
 """What a check found; waiting: at the beginning, when there is no last plan to compare with, and after a rejection."""
 
@@ -51,6 +52,9 @@ class Tolerances(NamedTuple):
     """(m,), largest input disturbance, or one for all inputs."""
     patience: int
     """Instances in a row that the network must answer well after a rejection, before it drives again."""
+    step: Numbers = (math.inf,)
+    """(m,), by how much one step of the exact MPC from the plan may change its first inputs, or one for all [their
+    unit]; where it is infinite, no step is made."""
 
 
 @kernel
@@ -153,6 +157,7 @@ class Supervisor:
         most = np.broadcast_to(np.array(tolerances.disturbance, dtype=float), (policy.inputs,)).copy()
         self._limits = most, float(tolerances.cost), float(tolerances.floor), float(tolerances.violation)
         self._patience = tolerances.patience
+        self._step = np.array(tolerances.step, dtype=float)
         self._flat, self._instance = new_instance(mpc.system, policy.problem)
         self._inputs = np.zeros((policy.horizon, policy.inputs))
         self._states = np.zeros((policy.horizon + 1, policy.states))
@@ -203,12 +208,33 @@ class Supervisor:
             self._states,
         )
         reason = int(check(self.policy.packed, *parts))
+        if reason == ACCEPTED and np.isfinite(self._step).any():
+            reason = self._stepped(state, disturbance, previous_input, preview)
         if reason != ACCEPTED:
             self._waiting = self._patience
         elif self._waiting > 0:
             self._waiting -= 1
             return WAITING
         return reason
+
+    def _stepped(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
+        """IMPROVED where a step of the exact MPC from the plan changes its first inputs by more than it may, which
+        tells that the plan is not near its solution, however the last plan compares.
+
+        The exact MPC then begins at the cheaper of the step and what is left of the last plan.
+        """
+        mpc, horizon = self.mpc, self.mpc.shooting.horizon
+        left = horizon.inputs.copy(), horizon.states.copy()
+        mpc.adopt(disturbance, self._inputs, self._states)
+        first = mpc.step(state, disturbance, previous_input, preview)
+        near = first is not None and bool(np.all(np.abs(first - self._inputs[0]) <= self._step))
+        if not near or self._waiting > 0:
+            parts = mpc.shooting.prediction, horizon.weights, self._instance
+            scratch = np.empty_like(horizon.states)
+            costs = [rollout(*parts, inputs, scratch)[0] for inputs in (horizon.inputs.copy(), left[0])]
+            if not costs[0] <= costs[1]:
+                mpc.adopt(disturbance, *left)
+        return ACCEPTED if near else IMPROVED
 
     def _fallback(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """The exact MPC's plan, or what is left of the last one, or the inputs applied last."""

@@ -128,9 +128,10 @@ class Drivers:
             first = answer = beside.control(*asked)
             given = first.input
             if own is not None:
-                given = own.control(*asked).input
+                plan = own.control(*asked)
+                given = plan.input
                 own.prepare(self._problem.period)
-                answer = self._cheaper(asked, given, first)
+                answer = self._cheaper(asked, plan, first)
             if isinstance(own, Supervisor):
                 reasons[k] = own.reason
             exact[k], answered[k] = answer.input, answer.status is not Status.FAILED
@@ -162,15 +163,14 @@ class Drivers:
         inside = np.all((self._low <= inputs) & (inputs <= self._high))
         return bool(inside and np.all(changes <= self._rates + ROUNDING))
 
-    def _cheaper(self, asked: Instance, given: Array, first: MpcSolution) -> MpcSolution:
-        """The exact MPC's answer to an instance, the ``first`` one unless a driver's inputs (m,) are off it.
+    def _cheaper(self, asked: Instance, plan: MpcSolution, first: MpcSolution) -> MpcSolution:
+        """The exact MPC's answer to an instance, the ``first`` one unless a driver's plan is off it.
 
         Its problem may have several local solutions, so where the driver is off by more than it may be, it begins at
-        the network's plan once more, and the cheaper solution is the answer.
+        the driver's plan once more, and the cheaper solution is the answer.
         """
-        near = np.all(np.abs(given - first.input) <= self._input_error)
-        plan = first if near and first.status is not Status.FAILED else self._policy.control(*asked)
-        if plan.status is not Status.POLICY:
+        near = np.all(np.abs(plan.input - first.input) <= self._input_error)
+        if (near and first.status is not Status.FAILED) or plan.status is Status.HELD:
             return first
         horizon = self._beside.shooting.horizon
         solution = horizon.inputs.copy(), horizon.states.copy()
