@@ -87,6 +87,7 @@ def train_policy(
     hidden: Sequence[int] = DEFAULT.hidden,
     plan: bool = DEFAULT.sequence,
     follow: Mapping[str, float] | None = None,
+    margin: float = DEFAULT.margin,
     seed: int = 0,
     workers: int = 0,
     cluster: str = "",
@@ -97,9 +98,10 @@ def train_policy(
 
     episodes: closed loops of each round. rounds: from the second one on the policy drives (DAgger). epochs: of the last
     round. hidden: widths of the tanh layers. plan: answer with the whole plan, which can be checked and certified.
-    follow: parameters of the model that the policy adapts to, each with its spread. seed: of everything random.
-    workers: processes, 0 for one per core. cluster: address of a Dask scheduler in their place, or local. samples:
-    folder that keeps finished loops, so that a training that was interrupted goes on. progress(stage, done, of).
+    follow: parameters of the model that the policy adapts to, each with its spread. margin: share of a state's range by
+    which the imitated MPC has its bounds tighter. seed: of everything random. workers: processes, 0 for one per core.
+    cluster: address of a Dask scheduler in their place, or local. samples: folder that keeps finished loops, so that a
+    training that was interrupted goes on. progress(stage, done, of).
 
     The defaults take an hour on a few cores. Raises UserError where torch is missing, or a number is out of range.
     """
@@ -113,6 +115,7 @@ def train_policy(
         cluster=arguments.text_of(cluster, "cluster"),
         sequence=arguments.flag_of(plan, "plan"),
         followed=arguments.given_options(follow, "follow"),
+        margin=arguments.number_of(margin, "margin", low=0.0, high=0.49),
     )
     given: dict[str, Any] = {
         "seed": arguments.seed_of(seed),

@@ -28,6 +28,9 @@ class Settings:
     sequence: the network gives the whole plan, not only its first input. plan_weight: weight of all later inputs
     together; the first one has weight 1. followed: parameters for whose estimates the policy learns a correction, with
     their expected deviations from the model's values, in their units.
+
+    margin: share of the range of each state that has bounds on both sides, by which the MPC that is imitated has them
+    tighter at each end, so that a network which is never exact keeps the bounds themselves.
     """
 
     episodes: tuple[int, ...] = (800, 800, 800)
@@ -41,6 +44,7 @@ class Settings:
     levelling: float = 0.3
     plan_weight: float = 0.3
     followed: Mapping[str, float] = field(default_factory=dict)
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.episodes or min(self.episodes) < 2:
@@ -54,6 +58,8 @@ class Settings:
             raise UserError(f"policy: layers of {widths}: takes at most {DEEPEST}, each of at most {WIDEST}")
         if not all(0 <= weight < math.inf for weight in (self.levelling, self.plan_weight)):
             raise UserError("policy: weights must be numbers that are not negative")
+        if not 0.0 <= self.margin < 0.5:
+            raise UserError(f"policy: a margin of {self.margin:g} leaves nothing of the bounds; take less than 0.5")
         for name, spread in self.followed.items():
             if not 0.0 < spread < math.inf:
                 raise UserError(f"policy: {name} can't be followed by {spread:g}: give a spread above 0, in its unit")

@@ -67,6 +67,7 @@ def train(
         if name not in model.system.named:
             raise UserError(f"policy: {type(model.system).__name__} has no parameter {name} to follow")
     problem, spread = problem.sized(model.system), spread.sized(model.system)
+    taught = tightened(problem, settings.margin)
     parts: list[NamedArrays] = []
     held: list[NamedArrays] = []
     policy: Policy | None = None
@@ -74,7 +75,7 @@ def train(
     with one_torch_thread(torch):
         for number, episodes in enumerate(settings.episodes):
             started = time.perf_counter()
-            work = partial(sampled, model.system, problem, spread, driver=policy, followed=settings.followed)
+            work = partial(sampled, model.system, taught, spread, driver=policy, followed=settings.followed)
             seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
             report = partial(progress, f"round {number + 1}: closed loops of the exact MPC")
             new = parallel.run(
@@ -95,6 +96,7 @@ def train(
     measured = {
         **policy.training,
         "seed": seed,
+        "margin": settings.margin,
         "rounds": list(settings.episodes),
         "samples": len(data.samples.plans),
         "validation_samples": len(data.held.plans),
@@ -103,6 +105,13 @@ def train(
         "seconds": round(time.perf_counter() - began, 1),
     }
     return replace(policy, training=measured)
+
+
+def tightened(problem: ControlProblem, margin: float) -> ControlProblem:
+    """A sized problem whose states have tighter bounds, by a share of the range of those that have two."""
+    low, high = np.array(problem.state_low), np.array(problem.state_high)
+    change = np.where(np.isfinite(high - low), margin * np.where(np.isfinite(high - low), high - low, 0.0), 0.0)
+    return replace(problem, state_low=tuple((low + change).tolist()), state_high=tuple((high - change).tolist()))
 
 
 def _silent(stage: str, done: int, of: int) -> None:

@@ -45,6 +45,12 @@ def command(
             "--follow", metavar="NAME=SPREAD", help="Parameter of the model that the policy adapts to, in its unit."
         ),
     ] = None,
+    margin: Annotated[
+        float,
+        typer.Option(
+            help="Share of a state's range by which the imitated MPC has its bounds tighter.", min=0.0, max=0.49
+        ),
+    ] = DEFAULT.margin,
     workers: WorkerCount = 0,
     cluster: ClusterAddress = "",
     rig: OwnRig = "",
@@ -69,6 +75,7 @@ def command(
                 hidden=widths,
                 plan=plan,
                 follow=followed,
+                margin=margin,
                 seed=seed,
                 workers=workers,
                 cluster=cluster,
