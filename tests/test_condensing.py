@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from hybrid_sysid_ros.identification.condensing import CondensedResiduals
+from hybrid_sysid_ros.identification.condensed_residuals import CondensedResiduals
 
 ROWS, COLUMNS = 400, 7
 

@@ -13,9 +13,9 @@ from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.symbolic import symbolic_rates
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.starting import initialised
+from hybrid_sysid_ros.identification.initial_values import initialised
 from hybrid_sysid_ros.models import Sampling, build
-from hybrid_sysid_ros.models.hybrid import Hybrid, averaged_hybrid, block_kinds
+from hybrid_sysid_ros.models.hybrid_system import Hybrid, averaged_hybrid, block_kinds
 from hybrid_sysid_ros.models.region import FADED, Region
 from hybrid_sysid_ros.models.structure import assemble
 from hybrid_sysid_ros.support.errors import UserError

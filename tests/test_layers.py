@@ -136,8 +136,8 @@ def test_imports_run_downwards(file: str) -> None:
 @pytest.mark.parametrize(
     ("file", "source"),
     [
-        ("models/hybrid.py", "import rclpy.node"),
-        ("models/hybrid.py", "def late():\n    from sensor_msgs.msg import JointState"),
+        ("models/hybrid_system.py", "import rclpy.node"),
+        ("models/hybrid_system.py", "def late():\n    from sensor_msgs.msg import JointState"),
         ("bags/bag.py", "import importlib\nimportlib.import_module('rosbag2_py')"),
         ("commands/run.py", "from hybrid_sysid_ros.nodes import plant"),
         ("nodes/plant.py", "from launch import LaunchDescription"),

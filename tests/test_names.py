@@ -20,7 +20,7 @@ GONE = re.compile(
     r"|Fired|Shooting|Whereabouts|Understanding|Inquiry|Playhead|Drifting|belongings|Border|Pilot|Plan|Problem|Prediction"
     r"|Observer|Experiment|Outcome|Motion|Layout|Place|Order|Mode|Form|Format|Windows|Still|Speaker|Channel|Estimate"
     r"|Schedule|Quality|DemoRecords|telling|_off|take_back|believed?|sight|motion_ahead|pictures_ahead|begun|placed|forced"
-    r"|observed|controlled|miss|remembered"
+    r"|observed|miss|remembered"
 )
 """Names that had several meanings, or that nobody outside of this project would have guessed."""
 

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.grouping import groups
+from hybrid_sysid_ros.identification.parameter_groups import groups
 from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings, fastest_growth
 from hybrid_sysid_ros.identification.validation.unstable import (
     UnstableError,

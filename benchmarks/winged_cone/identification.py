@@ -15,7 +15,7 @@ from benchmarks.winged_cone.flights import Flight
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification import identify
-from hybrid_sysid_ros.identification.grouping import ParameterGroup
+from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
 from hybrid_sysid_ros.models import Model, Options, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array

@@ -17,7 +17,7 @@ from hybrid_sysid_ros import identification, models
 from hybrid_sysid_ros.bags import read
 from hybrid_sysid_ros.commands.terminal import RigName, end, print_table, status
 from hybrid_sysid_ros.control.policy import policy as policies
-from hybrid_sysid_ros.identification.validation.refollowing import follow_again
+from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.rigs import check as rig_check
 from hybrid_sysid_ros.rigs import experiments
 from hybrid_sysid_ros.rigs.rig import Rig, load

@@ -19,8 +19,8 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
+from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.identification.validation.input_bias import adapt
-from hybrid_sysid_ros.identification.validation.refollowing import follow_again
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
 from hybrid_sysid_ros.identification.validation.unstable import PredictionErrors, UnstableError, predictions
 from hybrid_sysid_ros.models import Model

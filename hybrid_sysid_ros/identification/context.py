@@ -13,8 +13,8 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, resample
 from hybrid_sysid_ros.identification.fitting import Biased, FitProgress, fit
+from hybrid_sysid_ros.identification.initial_values import magnitudes
 from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, unstable_settings
-from hybrid_sysid_ros.identification.starting import magnitudes
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.structure import Magnitudes, Structure

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.core import System, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.core.wrappers import Wrapper
-from hybrid_sysid_ros.identification.condensing import CondensedResiduals
+from hybrid_sysid_ros.identification.condensed_residuals import CondensedResiduals
 from hybrid_sysid_ros.identification.experiment import check_range
 from hybrid_sysid_ros.identification.problem import FitProblem, Map
 from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.context import Context
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_range, prepare, resample
 from hybrid_sysid_ros.identification.fitting import FitProgress
-from hybrid_sysid_ros.identification.grouping import groups
+from hybrid_sysid_ros.identification.parameter_groups import groups
 from hybrid_sysid_ros.identification.part import Part, parts_of, without_gaps
 from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run

@@ -126,7 +126,7 @@ class GrayBox(Structure):
         """
         if not isinstance(system, Linear):
             return system
-        from hybrid_sysid_ros.identification.starting import regression
+        from hybrid_sysid_ros.identification.initial_values import regression
 
         system = system.initialised(regression(system, context.experiments(self.physics)))
         return system.with_values([item.start for item in system.parameters])

@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.models.fit import Fit, FitContext
-from hybrid_sysid_ros.models.hybrid import Hybrid, averaged_hybrid, block_kinds, block_of, features_of, kind_of
+from hybrid_sysid_ros.models.hybrid_system import Hybrid, averaged_hybrid, block_kinds, block_of, features_of, kind_of
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.structure import Magnitudes, Option, Options, Structure
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, LinearisedLaw
@@ -87,7 +87,7 @@ class JointHybrid(Structure):
 
     def initialised(self, context: FitContext, seed: int) -> tuple[Hybrid, tuple[str, ...]]:
         """The hybrid with initial values from its training data, and the names of the parameters that are held."""
-        from hybrid_sysid_ros.identification.starting import initialised
+        from hybrid_sysid_ros.identification.initial_values import initialised
 
         system, held = self.build(context.magnitudes, context.options, seed)
         system = replace(system, physics=self.gray.initial_guess(system.physics, context))

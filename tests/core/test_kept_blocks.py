@@ -17,7 +17,7 @@ ERROR = """
 import sys
 import numpy as np
 from hybrid_sysid_ros.core import Sensitivities, Softsign, rollouts
-from hybrid_sysid_ros.models.hybrid import Hybrid
+from hybrid_sysid_ros.models.hybrid_system import Hybrid
 from tests.structures import Cart
 
 for units in map(int, sys.argv[1:]):

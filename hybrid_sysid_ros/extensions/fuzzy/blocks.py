@@ -8,7 +8,7 @@ from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.extensions.fuzzy.affine_rules import AffineRules
 from hybrid_sysid_ros.extensions.fuzzy.linked_rules import LinkedRules
 from hybrid_sysid_ros.extensions.fuzzy.memberships import packed
-from hybrid_sysid_ros.models.hybrid import BlockKind
+from hybrid_sysid_ros.models.hybrid_system import BlockKind
 from hybrid_sysid_ros.models.structure import Option
 from hybrid_sysid_ros.support.arrays import Array
 

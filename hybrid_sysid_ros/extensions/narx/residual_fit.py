@@ -19,10 +19,10 @@ from hybrid_sysid_ros.extensions.narx.term_selection import (
     forward_selection,
     least_criterion,
 )
-from hybrid_sysid_ros.identification.starting import FEATURE_SCALE
+from hybrid_sysid_ros.identification.initial_values import FEATURE_SCALE
 from hybrid_sysid_ros.identification.validation.scores import initial_state
 from hybrid_sysid_ros.models.fit import PreparedRecord
-from hybrid_sysid_ros.models.hybrid import CLIP
+from hybrid_sysid_ros.models.hybrid_system import CLIP
 from hybrid_sysid_ros.models.structure import Options
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.core.steppers import Rates
 from hybrid_sysid_ros.core.wrappers import Wrapper
 from hybrid_sysid_ros.extensions.narx.narx import Term
 from hybrid_sysid_ros.extensions.narx.polynomial import Polynomial
-from hybrid_sysid_ros.models.hybrid import CLIP, CORNER, features_of
+from hybrid_sysid_ros.models.hybrid_system import CLIP, CORNER, features_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

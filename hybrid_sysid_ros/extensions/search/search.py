@@ -13,7 +13,7 @@ from hybrid_sysid_ros.identification.identify import identify
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.models import Model, Option, Options, Sampling, options_of
-from hybrid_sysid_ros.models.hybrid import NETWORK, block_kinds
+from hybrid_sysid_ros.models.hybrid_system import NETWORK, block_kinds
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Lost, Workers

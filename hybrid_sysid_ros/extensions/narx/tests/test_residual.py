@@ -23,7 +23,7 @@ from hybrid_sysid_ros.identification.experiment import ResampledRecord
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.validation.stages import compare_stages
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.hybrid import CLIP
+from hybrid_sysid_ros.models.hybrid_system import CLIP
 from hybrid_sysid_ros.models.structure import options_of, structure_of
 from hybrid_sysid_ros.support.errors import UserError
 

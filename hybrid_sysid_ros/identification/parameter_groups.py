@@ -1,4 +1,4 @@
-"""Grouping: products of parameters that data determine, where they don't determine each parameter."""
+"""Parameter groups: products of parameters that data determine, where they don't determine each parameter."""
 
 from __future__ import annotations
 

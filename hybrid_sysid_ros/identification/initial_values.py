@@ -11,7 +11,7 @@ from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import symbolic_closures, symbolic_features
 from hybrid_sysid_ros.models.fit import PreparedRecord
-from hybrid_sysid_ros.models.hybrid import CLIP, Hybrid, kind_of
+from hybrid_sysid_ros.models.hybrid_system import CLIP, Hybrid, kind_of
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.structure import Magnitudes

@@ -1,4 +1,4 @@
-"""Condensing: a least-squares problem of many rows becomes an equivalent one of few rows."""
+"""Condensed residuals: a least-squares problem of many rows becomes an equivalent one of few rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hybrids: physics with a small learned residual."""
+"""Hybrid systems: physics with a small learned residual."""
 
 from __future__ import annotations
 
