@@ -10,7 +10,9 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import count
 from operator import attrgetter
+from pathlib import Path
 from threading import Event, Thread
 from typing import Any, NamedTuple
 
@@ -33,6 +35,12 @@ QUEUE_BYTES = 1 << 26  # of messages that wait for the disk; what is over is los
 SLOW = 0.2  # s, that the disk takes for one block, from which on it is called slow
 PATIENCE = 10.0  # s, with the disk at the end
 ASKED = ("plant", "reference", "estimator", "controller")  # nodes whose parameters the bag keeps
+
+
+def next_free(path: Path | str) -> Path:
+    """The first of PATH, PATH_2, PATH_3... that is not there."""
+    names = (Path(f"{path}_{number}") if number > 1 else Path(path) for number in count(1))
+    return next(name for name in names if not name.exists())
 
 
 class Entry(NamedTuple):
@@ -58,11 +66,13 @@ class RecorderNode(RigNode):
     Messages of several topics come out of order, more so where this process has to wait. They lie in the bag in the
     order in which the middleware got them: now and then all that it has is taken, and what came before the last time
     can be written; all of it where half of the memory is taken. What the nodes of the loop have read, parameters and
-    the folders that these name, is kept in the bag with them.
+    the folders that these name, is kept in the bag with them. Each time that the node is activated it begins a bag.
     """
 
     NAME = "recorder"
     SUBSCRIBES = topics.RECORDED
+    resumed = False
+    """Whether what the node recorded before must be kept."""
 
     def configure(self) -> None:
         if not self.settings["path"]:
@@ -101,7 +111,10 @@ class RecorderNode(RigNode):
         self.every(FLUSH_PERIOD, self.drain)
         self.query = ParameterQuery(self, ASKED, self.learn)
         split = Split(size=self.settings["split_bytes"], seconds=self.settings["split_seconds"])
-        self.recording = Recording(path, replace=self.settings["overwrite"], split=split)
+        again = self.resumed or self.settings["resume"]
+        replace = self.settings["overwrite"] and not again
+        self.recording = Recording(next_free(path) if again else path, replace=replace, split=split)
+        self.resumed = True
         self.writer = Thread(target=self.write, daemon=True)  # a disk that never answers keeps nobody
         self.writer.start()
 

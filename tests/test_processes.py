@@ -264,9 +264,55 @@ def test_a_session_says_where_the_bag_of_a_killed_recorder_is(domain: int, tmp_p
                     os.kill(int(process.name), signal.SIGKILL)
 
     with pytest.raises(UserError, match=rf"recorder ended .* in {bag}$"):
-        Run(bag=bag, domain=domain, progress=kill).go()
+        Run(bag=bag, domain=domain, respawn=0, progress=kill).go()
     with bags.bag.opened(bag, recover=True) as recovered:
         assert sum(topic.messages for topic in recovered.topics.values()) > 0
+
+
+def test_a_node_that_dies_is_started_again_and_the_loop_comes_back(domain: int, tmp_path: Path) -> None:
+    """The controller dies, then the recorder: each time commands come again, and what comes then is in the next bag."""
+    lines: list[str] = []
+    bench, left = Bench(domain), ["controller", "recorder"]
+    heard = bench.listen("joint_command")
+
+    def kill(seconds: float, duration: float) -> None:
+        for _ in range(100):
+            bench.executor.spin_once(timeout_sec=0.0)
+        recorded = left or (tmp_path / "bag_2").exists()
+        if len(heard) > 50 and recorded:
+            heard.clear()
+            if not left:
+                raise KeyboardInterrupt
+            os.kill(_process(left.pop(0), domain), signal.SIGKILL)
+
+    outcome = Run(reference="constant", bag=tmp_path / "bag", domain=domain, tell=lines.append, progress=kill).go()
+    bench.close()
+    assert [outcome.diagnostics[node]["restarts"] for node in ("controller", "recorder")] == [1, 1]
+    assert sum("started again, 1 of 3" in line for line in lines) == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag_2"]
+    assert bags.topics(tmp_path / "bag_2")["/cam_beam/joint_command"].messages > 0
+
+
+def test_a_node_that_dies_again_and_again_is_given_up(domain: int) -> None:
+    def kill(seconds: float, duration: float) -> None:
+        if found := _process("reference", domain):
+            os.kill(found, signal.SIGKILL)
+
+    with pytest.raises(UserError, match="reference ended with status -9"):
+        Run(domain=domain, respawn=1, tell=lambda line: None, progress=kill).go()
+
+
+def _process(node: str, domain: int) -> int:
+    """Number of a node's process on a domain, 0 where there is none."""
+    for entry in Path("/proc").iterdir():
+        try:
+            words = (entry / "cmdline").read_bytes().split(b"\0")
+            here = f"ROS_DOMAIN_ID={domain}".encode() in (entry / "environ").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if here and f"hybrid_sysid_ros.nodes.{node}".encode() in words:
+            return int(entry.name)
+    return 0
 
 
 def _records(process: Path, bag: Path) -> bool:

@@ -56,6 +56,23 @@ def test_a_recorded_bag_is_a_record(domain: int, tmp_path: Path, model_folder: P
     assert "/diagnostics" in recorded
 
 
+def test_a_recorder_that_is_activated_again_goes_on_in_the_next_bag(bench: Bench, tmp_path: Path) -> None:
+    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states", overwrite=True)
+    publisher = bench.speak("joint_states")
+    for _ in range(2):
+        bench.until(publisher.get_subscription_count)
+        publisher.publish(joint(SECOND, position=[0.0], effort=[0.0]))
+        bench.until(lambda: sum(recorder.received.values()))
+        recorder.trigger_deactivate()
+        bench.until(lambda: not publisher.get_subscription_count())
+        recorder.trigger_activate()
+    recorder.close()
+    other = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states", resume=True)
+    other.close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag_2", "bag_3", "bag_4"]
+    assert all(bags.topics(tmp_path / name)["/cam_beam/joint_states"].messages == 1 for name in ("bag", "bag_2"))
+
+
 def test_a_recorder_takes_topics_of_other_types_when_they_appear(bench: Bench, tmp_path: Path) -> None:
     recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="temperature /diagnostics")
     publisher = bench.speak("temperature")

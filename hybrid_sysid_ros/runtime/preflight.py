@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 from hybrid_sysid_ros.control.mpc.shooting import one_delay
 from hybrid_sysid_ros.control.policy import policy
@@ -54,7 +53,7 @@ def of_rig(rig: Rig) -> list[str]:
 
 def settings_of(rig: Rig, given: NodeValues) -> tuple[NodeValues, list[str]]:
     """All values of the nodes whose parameters are given, but of those that have wrong ones, and what is wrong."""
-    loop, problems = dict[str, dict[str, Any]](), list[str]()
+    loop, problems = NodeValues(), list[str]()
     for node, values in given.items():
         found, lines = settings(rig, node, values)
         problems += lines

@@ -19,6 +19,8 @@ COMPOSED = "composed"
 """Name of the node that runs several in one process."""
 REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
 LISTENING_PRIORITY = 1
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+"""Variables that are 1 unless the user says otherwise: a loop's matrices are too small for more threads."""
 IN_LOOP = ("plant", "estimator", "controller")
 
 
@@ -88,7 +90,7 @@ def environment(domain: int | None = None) -> dict[str, str]:
     if domain is not None:
         found["ROS_DOMAIN_ID"] = str(domain)
     found.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # a loop's matrices are too small for more
+    for name in THREADS:
         found.setdefault(name, "1")
     if "HOME" not in found:
         found.setdefault("ROS_LOG_DIR", str(Path(tempfile.gettempdir()) / "ros_log"))

@@ -68,6 +68,8 @@ class Run:
     """Real-time priority of plant, estimator and controller; None: a modest one where the system permits it."""
     composed: bool = False
     """Whether the loop's nodes run in one process."""
+    respawn: int = 3
+    """How often each node that dies is started again; never in lockstep, where runs repeat."""
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Further parameters by node and name."""
     tell: Report = print
@@ -92,7 +94,7 @@ class Run:
         with (
             interruptible(),
             _naming(self.bag),
-            Session(self._described.source, domain=self.domain, tell=self.tell) as session,
+            self._session() as session,
         ):
             try:
                 together = {node: values.pop(node) for node in LOOP} if self.composed else {}
@@ -100,7 +102,10 @@ class Run:
                 commands |= {node: session.command(node, given) for node, given in values.items()}
                 beside = {node for item in self.companions if item.beside for node in item.nodes(self._loop)}
                 for child, command in commands.items():
-                    session.start(child, command, needed=child not in beside)
+                    again = None
+                    if child == RECORDER:  # what it has written stays
+                        again = session.command(child, {**values[child], "overwrite": False, "resume": True})
+                    session.start(child, command, needed=child not in beside, again=again)
                 session.wait_for("ready", list(commands), READY_TIMEOUT)
                 for line in filter(None, (companion.ready(session.said) for companion in self.companions)):
                     self.tell(line)
@@ -113,6 +118,10 @@ class Run:
             session.check_end()
         bag = None if self.bag is None else Path(self.bag)
         return RunResult(diagnostics=diagnostics, interrupted=interrupted, bag=bag)
+
+    def _session(self) -> Session:
+        respawn = 0 if self.lockstep else self.respawn
+        return Session(self._described.source, domain=self.domain, respawn=respawn, tell=self.tell)
 
     @property
     def values(self) -> NodeValues:

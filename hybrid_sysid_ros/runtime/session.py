@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import Empty, Queue
 from types import TracebackType
@@ -30,15 +30,22 @@ STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 
 STOPPED_FIRST = ("plant", "reference", COMPOSED)
 STOPPED_LAST = ("recorder",)
 """Nodes that are stopped last, together with those that are not needed, which may want to see the end."""
+REFUSED = 2
+"""Status of a node that says in a line what is wrong."""
 TICK = 0.25  # s, between two calls of progress
 
 
 @dataclass(kw_only=True)
 class Child:
-    """A node's process, its words on standard output, and the last line of its standard error."""
+    """A node's process, its words on standard output, and the last line of its standard error.
+
+    again: the command that starts it again when it dies. starts: how often it was started.
+    """
 
     node: str
     process: subprocess.Popen[str]
+    again: Sequence[str]
+    starts: int = 1
     needed: bool = True
     """Whether a run can't go on without it, once it is ready."""
     listeners: list[threading.Thread] = field(default_factory=list)
@@ -60,8 +67,9 @@ def check_ros() -> None:
 class Session:
     """Processes of nodes, as a context that leaves none behind. `tell` receives their log lines."""
 
-    def __init__(self, rig: str, *, domain: int | None = None, tell: Report = print) -> None:
-        """rig: name or path. domain: ROS_DOMAIN_ID; by default the environment's.
+    def __init__(self, rig: str, *, domain: int | None = None, respawn: int = 0, tell: Report = print) -> None:
+        """rig: name or path. domain: ROS_DOMAIN_ID; by default the environment's. respawn: how often each node is
+        started again that was ready once and then died: by a signal or an error that nobody foresaw.
 
         Raises UserError without ROS for this Python.
         """
@@ -71,6 +79,7 @@ class Session:
         self.rig = rigs.load(rig).source
         self.children: dict[str, Child] = {}
         self.diagnostics: dict[str, dict[str, Any]] = {}
+        self._respawn = respawn
         self._tell = tell
         self._namespace = rigs.load(rig).namespace
         self._environment = {**processes.environment(domain), interruption.TETHER: "1"}
@@ -97,9 +106,19 @@ class Session:
         file = Path(self._place.name) / "parameters.yaml"
         return processes.composed(values, file, rig=self.rig, namespace=self._namespace)
 
-    def start(self, node: str, command: Sequence[str], *, needed: bool = True) -> None:
-        """Start a node's process; needed: whether the session ends when it does, also once it was ready."""
-        process = subprocess.Popen(
+    def start(
+        self, node: str, command: Sequence[str], *, needed: bool = True, again: Sequence[str] | None = None
+    ) -> None:
+        """Start a node's process; needed: whether the session ends when it does, also once it was ready. again: the
+        command that starts it again, by default the same.
+        """
+        process = self._process(command)
+        child = Child(node=node, process=process, needed=needed, again=again or command)
+        self._stopped = False
+        self._adopt(child)
+
+    def _process(self, command: Sequence[str]) -> subprocess.Popen[str]:
+        return subprocess.Popen(
             command,
             stdin=subprocess.PIPE,  # which closes when this process ends in any way
             stdout=subprocess.PIPE,
@@ -109,8 +128,9 @@ class Session:
             env=self._environment,
             start_new_session=True,  # Ctrl-C reaches only this process, which stops them in order
         )
-        self._stopped = False
-        child = self.children[node] = Child(node=node, process=process, needed=needed)
+
+    def _adopt(self, child: Child) -> None:
+        self.children[child.node] = child
         for stream in ("stdout", "stderr"):
             child.listeners.append(threading.Thread(target=self._listen, args=(child, stream), daemon=True))
             child.listeners[-1].start()
@@ -166,6 +186,9 @@ class Session:
             if child.process.stdin is not None:
                 child.process.stdin.close()
         self._stopped = True
+        for child in self.children.values():
+            if child.starts > 1:
+                self.diagnostics.setdefault(child.node, {})["restarts"] = child.starts - 1
         return {
             node: self.diagnostics.get(node, {}) for node in (*self.children, *self.diagnostics) if node != COMPOSED
         }
@@ -181,12 +204,28 @@ class Session:
         if child.process.poll() is None:
             return
         self._receive_last(child)
+        if self._revived(child):
+            return
         if child.needed or "ready" not in child.words:
             raise self._failure(child)
         self._tell(f"{self._failure(child)}; the others go on")
         if child.process.stdin is not None:
             child.process.stdin.close()
         del self.children[child.node]
+
+    def _revived(self, child: Child) -> bool:
+        """Start a node again that died after it was ready, as often as may be; whether it was. One that ended by itself
+        has said why.
+        """
+        died = child.process.returncode not in (0, REFUSED)
+        if not died or child.starts > self._respawn or not (child.starts > 1 or "ready" in child.words):
+            return False
+        self._tell(f"{self._failure(child)}; started again, {child.starts} of {self._respawn}")
+        if child.process.stdin is not None:
+            child.process.stdin.close()
+        process = self._process(child.again)
+        self._adopt(replace(child, process=process, starts=child.starts + 1, listeners=[], words=set(), complaint=""))
+        return True
 
     def _failure(self, child: Child) -> UserError:
         status = child.process.poll()
