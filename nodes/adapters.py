@@ -45,6 +45,7 @@ DIVERGED = 1.5
 ASTRAY = 0.3
 """Time [s] of evidence against an estimate after which it begins anew from the next measurement: it has gone astray,
 and the way back may be long."""
+GAP = 3.5  # periods without a measurement, after which innovations say nothing against the sensors for a while
 LONGEST = 0.05  # s, that one measurement counts as evidence, however long ago the last one was
 OF_PROBLEM = {
     *("output_weight", "rate_weight", "input_weight", "rate_limit", "input_low", "input_high"),
@@ -115,7 +116,7 @@ class EstimatorAdapter:
         )
         after = round(settings["frozen_after"] * settings["rate"])
         self.frozen = [FrozenSensorDetector(noise, after=after) for noise in self._white]
-        self._last, self._doubted, self.diverged = math.nan, 0.0, False
+        self._last, self._doubted, self.diverged, self._unjudged = math.nan, 0.0, False, 0
 
     def see(self, measured: Sequence[Measured]) -> None:
         """Take measurements that another adapter has answered, to go on where that one is."""
@@ -133,8 +134,11 @@ class EstimatorAdapter:
         self.monitor.screen(self.outputs)
         estimate = self.filter.update(time, self.outputs, self.applied)
         elapsed, self._last = time - self._last, time
-        if elapsed > 0.0:
+        if elapsed > GAP / self._settings["rate"]:  # nobody knows which inputs acted in between
+            self._unjudged = self.tuning.patience + 1
+        if elapsed > 0.0 and not self._unjudged:
             self._judge(estimate, min(elapsed, LONGEST))
+        self._unjudged = max(self._unjudged - 1, 0)
         return estimate
 
     def _judge(self, estimate: StateEstimate, elapsed: float) -> None:

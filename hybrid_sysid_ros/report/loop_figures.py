@@ -23,9 +23,11 @@ from hybrid_sysid_ros.report.charts import (
     timed,
     titled,
 )
-from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
+from hybrid_sysid_ros.report.loop_section import DRIVING, ClosedLoopSection
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
+STATES = {"slowed": "#ffe08a", "holding": "#fdc57a", "resting": "#f0937d", "stopped": "#b9c6d8", "disarmed": "#b3b3c6"}
+"""Colours of the states of the loop, from light to dark."""
 TAIL_POINTS = 600  # most points of a distribution
 
 
@@ -57,6 +59,13 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
             text=f"{name.replace('_', ' ')}: RMSE {value:.3f} {section.units[name]}", showarrow=False,
             font={"size": 12},
         )  # fmt: skip
+    spells = [spell for spell in loop.spells if spell[2] != DRIVING]
+    for start, stop, state in spells:
+        colour = STATES.get(state, BOUND)
+        figure.add_vrect(x0=start, x1=stop, fillcolor=colour, opacity=0.4, line_width=0, layer="below", row=1, col=1)
+    for state in dict.fromkeys(state for *_, state in spells):
+        marker = {"color": STATES.get(state, BOUND), "symbol": "square", "size": 11}
+        figure.add_trace(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=state), row=1, col=1)
     figure.update_layout(margin={"t": 48}, legend={"y": 1.05})
     return timed(figure, len(weights))
 

@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hybrid_sysid_ros.control import ControlProblem
+from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
+DRIVING = LoopState.DRIVING.word
 SAME_REFERENCE = 1e-3
 """Largest median distance of a loop's reference from the rig's, relative to its peak, for both to be the same."""
 SMOOTH = ("sine", "multisine", "swept_sine")
@@ -52,6 +54,17 @@ class ClosedLoopSection:
         """States that the rig's disturbances move, with their units."""
         states = (self.rig.system.declared_states[k] for k in self.rig.disturbances)
         return [f"{item.name} [{item.unit}]" for item in states]
+
+    @property
+    def states(self) -> str:
+        """A sentence on the states of the loop, "" where none were recorded."""
+        seconds: dict[str, float] = {}
+        for start, stop, state in self.loop.spells:
+            seconds[state] = seconds.get(state, 0.0) + stop - start
+        others = [f"{state} for {time:.1f} s" for state, time in seconds.items() if state != DRIVING]
+        if not seconds:
+            return ""
+        return f"The controller was {', '.join(others)}." if others else "The controller was driving all the time."
 
     @property
     def rmse(self) -> dict[str, float]:

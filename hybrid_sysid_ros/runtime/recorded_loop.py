@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.bag import name_of, opened
 from hybrid_sysid_ros.bags.columns import SECOND, MissingInMessageError, TopicColumns
+from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -19,6 +21,7 @@ from hybrid_sysid_ros.support.files import sha256
 MEASUREMENT, COMMAND, REFERENCE = "joint_states", "joint_command", "reference"
 MOTION = "motion"
 """Topic with the true positions of a simulated rig's joints."""
+DIAGNOSTICS = "/diagnostics"
 ONE_CLOCK = SECOND  # ns, largest median distance of a measurement's stamp from its logging if both are of one clock
 
 
@@ -71,6 +74,8 @@ class LoopRecord:
     """Whether no command had come before the next measurement (in lockstep: whether none came at all), (samples,);
     False for the last measurement, for which this is unknown.
     """
+    states: tuple[tuple[float, str], ...] = ()
+    """Times [s] and the controller's state as its diagnostics said it then; empty where they are not recorded."""
     source: str = ""
     digest: str = ""
 
@@ -85,6 +90,18 @@ class LoopRecord:
     def is_real_time(self) -> bool:
         """Whether stamps and log use the same clock, so that delays have a meaning."""
         return bool(np.isfinite(self.delay).any())
+
+    @property
+    def spells(self) -> list[tuple[float, float, str]]:
+        """Start and stop [s] of each state in turn, to within the time between two diagnostics."""
+        found: list[tuple[float, float, str]] = []
+        for time, state in self.states:
+            if found and found[-1][2] == state:
+                found[-1] = (found[-1][0], time, state)
+            else:
+                start = found[-1][1] if found else time
+                found.append((start, time, state))
+        return found
 
     @property
     def tracked(self) -> list[int]:
@@ -138,8 +155,8 @@ class _Reading:
         self.names = {topic: f"/{rig.namespace.strip('/')}/{topic}" for topic in (MEASUREMENT, COMMAND, REFERENCE)}
         motion = f"/{rig.namespace.strip('/')}/{MOTION}"
         with opened(path) as bag:
-            messages = bag.whole([*self.names.values(), motion])
-        self.motion = messages.get(motion)
+            messages = bag.whole([*self.names.values(), motion, DIAGNOSTICS])
+        self.motion, self.diagnostics = messages.get(motion), messages.get(DIAGNOSTICS)
         for name in self.names.values():
             if name not in messages:
                 raise UserError(
@@ -190,6 +207,7 @@ class _Reading:
             delay=delay,
             turnaround=turnaround,
             late=late,
+            states=tuple(((stamp - zero) * 1e-9, word) for stamp, word in self.states()),
             source=str(self.path),
             digest=sha256(self.path),
         )
@@ -252,6 +270,19 @@ class _Reading:
             seconds = (known - zero) * 1e-9
             references[:, k] = np.interp((stamps - zero) * 1e-9, seconds, values[order].ravel()[newest], left=np.nan)
         return zero, references
+
+    def states(self) -> Iterator[tuple[int, str]]:
+        """The controller's states, as it reported them, with their stamps [ns]."""
+        if self.diagnostics is None or self.diagnostics.type != "diagnostic_msgs/msg/DiagnosticArray":
+            return
+        for data in self.diagnostics.data:
+            message: Any = jazzy_types().deserialize_cdr(data, self.diagnostics.type)
+            stamp = message.header.stamp
+            for status in message.status:
+                if status.name.endswith("controller: loop"):
+                    found = next((item.value for item in status.values if item.key == "state"), "")
+                    if found:
+                        yield stamp.sec * SECOND + stamp.nanosec, found
 
     def has(self, topic: str, field: str) -> bool:
         """Whether the messages have a field, and it is a number in the first."""
