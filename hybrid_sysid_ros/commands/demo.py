@@ -75,7 +75,7 @@ def demo(out: Path, records: RecordSplit | None = None, *, rig: str = "", train:
     folders = {"model": "model.yaml", "loop": bags.METADATA, **({"policy": "policy.yaml"} if train else {})}
     for folder, marker in folders.items():
         check_folder(out / folder, marker=marker)
-    records = records or plan.records(described)
+    records = records or plan.records(described, out / "bags")
     console.print(f"1 identifying {described.name} from {len(records.training)} bags")
     given: dict[str, Any] = {"sampling": plan.sampling, "part": records.part, "options": plan.options}
     model = identify(records.training, described, plan.structure, **given)

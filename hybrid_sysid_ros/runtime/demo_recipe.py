@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,28 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.structure import Options
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_unknown, section
+from hybrid_sysid_ros.support.structured import built, named_numbers, numbers, refuse_unknown, section
 
 SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
-KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "reference", "scored")
+KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "reference", "scored", "simulate")
 """Keys of the section demo of rig.yaml."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedBag:
+    """A bag that is simulated where it is not there; see :func:`~..rigs.experiments.simulate_experiment`."""
+
+    kind: str
+    """Name of the experiment."""
+    seed: int = 1
+    duration: float = 40.0
+    """[s]."""
+    rate: float = 200.0
+    """Samples per second [Hz]."""
+    disturbed: bool = True
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,6 +68,8 @@ class DemoRecipe:
     """Name of the rig's reference that the loop follows."""
     scored: tuple[str, ...]
     """Names of the reference's parts in which tracking is judged."""
+    simulate: Mapping[str, SimulatedBag]
+    """How bags are made that are not there, by name."""
 
     @classmethod
     def of(cls, rig: Rig) -> DemoRecipe:
@@ -75,20 +92,44 @@ class DemoRecipe:
             sampling=Sampling(step=step, period=period),
             reference=schedule.name,
             scored=scored,
+            simulate={
+                name: built(SimulatedBag, item, f"{where}.simulate.{name}")
+                for name, item in section(given, "simulate", where).items()
+            },
         )
 
-    def places(self, rig: Rig) -> tuple[list[Path], list[Path]]:
-        """Paths of training and test bags. Raises UserError where one is missing, or none is named."""
+    def places(self, rig: Rig, out: Path = Path()) -> tuple[list[Path], list[Path]]:
+        """Paths of training and test bags: in the rig's folder, the package, or ``out``, where they may be simulated.
+
+        Raises UserError where one is missing and can't be simulated, or none is named.
+        """
         if not self.learn:
             raise UserError(f"{rig.file}: demo: is missing: give it training bags, {{learn: [NAME, ...]}}")
-        return [_bag(rig, name) for name in self.learn], [_bag(rig, name) for name in self.test]
+        return [self._bag(rig, name, out) for name in self.learn], [self._bag(rig, name, out) for name in self.test]
 
-    def records(self, rig: Rig) -> RecordSplit:
-        """The records of the bags, in the rig's folder or the package. Raises UserError where one is missing."""
-        learnt, kept = ([bags.read(place, rig.signals) for place in places] for places in self.places(rig))
+    def records(self, rig: Rig, out: Path) -> RecordSplit:
+        """The records of the bags; those that are not there are simulated into ``out``. Raises UserError where one is
+        missing and can't be simulated.
+        """
+        found = self.places(rig, out)
+        for path in {path for places in found for path in places if path.parent == out}:
+            given = asdict(self.simulate[path.name])
+            simulate_experiment(rig, given.pop("kind"), path, **given, overwrite=True)
+        learnt, kept = ([bags.read(place, rig.signals) for place in places] for places in found)
         rest = Part(start=self.part.stop) if self.part.stop < 1.0 else Part(stop=self.part.start)
         halves = [(record, rest) for record in learnt if (self.part.start, self.part.stop) != (0.0, 1.0)]
         return RecordSplit(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
+
+    def _bag(self, rig: Rig, name: str, out: Path) -> Path:
+        places = [folder / name for folder in (rig.folder / "bags", SHIPPED_BAGS)]
+        for place in places:
+            if place.is_dir():
+                return place
+        if name in self.simulate:
+            return out / name
+        raise UserError(
+            f"{rig.file}: demo: no bag {name} in {places[0].parent}: record it there, or hybrid-sysid simulate it"
+        )
 
 
 def _names(given: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
@@ -97,14 +138,3 @@ def _names(given: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
     if not isinstance(found, list) or not all(isinstance(item, str) for item in found):
         raise UserError(f"{where}.{key} is {found!r}: it needs a list of names")
     return tuple(found)
-
-
-def _bag(rig: Rig, name: str) -> Path:
-    """The path of a bag by its name. Raises UserError where it is missing."""
-    places = [folder / name for folder in (rig.folder / "bags", SHIPPED_BAGS)]
-    for place in places:
-        if place.is_dir():
-            return place
-    raise UserError(
-        f"{rig.file}: demo: no bag {name} in {places[0].parent}: record it there, or hybrid-sysid simulate it"
-    )
