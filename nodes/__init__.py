@@ -1,1 +1,1 @@
-"""The ROS 2 nodes: thin, message in, algorithm, message out. Nothing else in the package imports ROS."""
+"""The ROS 2 nodes, which are thin: a message comes in, an algorithm runs, a message goes out. Only nodes import ROS."""

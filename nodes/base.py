@@ -1,4 +1,4 @@
-"""Base: what all nodes of a rig share: their parameters, topics, diagnostics and the folders that they have read."""
+"""Base of all nodes of a rig: their parameters, topics, diagnostics and the folders that they have read."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from hybrid_sysid_ros.nodes.validation import LARGEST, MessageValidator, Reason
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
-LOCKSTEP_DEPTH = 10_000  # messages that are kept for readers that are slower
+LOCKSTEP_DEPTH = 10_000  # messages that are kept for slower subscribers
 REPORT_PERIOD = 0.4  # s, so that a change is reported within a second
 
 
 class ModelSource:
-    """A folder that a node has read. The node goes on with what it read, whatever becomes of the folder."""
+    """A folder that a node has read. The node keeps the content that it read if the folder changes."""
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
         self._read = self._marks()
 
     def changed(self) -> str:
-        """Return a sentence where the folder has changed since, else an empty one. Asks the disk, which may be slow."""
+        """A sentence if the folder has changed since it was read, else "". It asks the disk, which may be slow."""
         now = self._marks()
         if now == self._read:
             return ""
@@ -44,7 +44,7 @@ class ModelSource:
         return f"{self.folder} {'has changed' if now else 'is gone'}: {kept}"
 
     def _marks(self) -> dict[str, tuple[int, int, int]]:
-        """What tells each file from another one in its place: inode, time of change and size."""
+        """Inode, time of change and size of each file, by which a replaced file is recognised."""
         try:
             with os.scandir(self.folder) as entries:
                 found = {entry.name: entry.stat() for entry in entries if entry.is_file()}
@@ -68,13 +68,13 @@ class RigNode(ManagedNode):
     def __init__(self, **options: Any) -> None:
         """options: of rclpy.node.Node (context, namespace, parameter_overrides).
 
-        Raises UserError when a parameter is not as msgs_config says, and what is in the way of autostart.
+        Raises UserError for a parameter that violates msgs_config, and the error that prevents autostart.
         """
         super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True, **options)
         try:
             self._begin()
         except BaseException:
-            self.destroy_node()  # left to the collector, it would end while others talk
+            self.destroy_node()  # the garbage collector would end it while other nodes communicate
             raise
 
     def _begin(self) -> None:
@@ -108,17 +108,17 @@ class RigNode(ManagedNode):
         return {entity: {self.resolve_topic_name(topic) for topic in found} for entity, found in names.items()}
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
-        """What the loop does when other parameters are in force.
+        """Prepare a change of parameters; return the action by which the loop applies it.
 
-        settings: all as they will be; names: those that are new. While the node is configured, beside the loop. Raises
-        UserError where they can't be.
+        settings: all new values; names: those that change. It is called while the node is configured, beside the loop.
+        Raises UserError where the values are not possible.
         """
         return lambda: None
 
     def accept(self, given: Mapping[str, Any], fixed: Sequence[str]) -> None:
-        """Take other values of parameters, all or none; fixed: those among them that configure() reads.
+        """Accept changed values of parameters, all or none; fixed: those among them that configure() reads.
 
-        Raises UserError where that can't be.
+        Raises UserError where they are not possible.
         """
         if fixed and self.configured:
             raise UserError(
@@ -136,7 +136,7 @@ class RigNode(ManagedNode):
 
     @property
     def signature(self) -> str:
-        """frame_id of what the node publishes, to tell two of a kind apart; none in lockstep, where runs repeat."""
+        """frame_id of the node's messages, which distinguishes publishers; "" in lockstep, so that runs repeat."""
         return "" if self.settings["lockstep"] else f"{self.get_fully_qualified_name()} {os.getpid()}"
 
     def validator(self, topic: str) -> MessageValidator:
@@ -154,7 +154,7 @@ class RigNode(ManagedNode):
         return validator
 
     def listen(self, validator: MessageValidator, topic: str, callback: Callable[[Any], None]) -> Listener:
-        """Hear one of the rig's topics: the callback gets what its validator lets in."""
+        """Subscribe to one of the rig's topics; the callback receives the messages that its validator accepts."""
 
         def arrive(data: bytes) -> None:
             message = validator.unpack(data)
@@ -167,24 +167,24 @@ class RigNode(ManagedNode):
         return listener
 
     def now(self) -> int:
-        """Time of the ROS clock [ns]: simulated, or the system's, which needs no detour."""
+        """Time of the ROS clock [ns]: simulated time, or the system's, which is read directly."""
         clock = self._ros_clock
         return int(clock.now().nanoseconds) if clock.ros_time_is_active else time_ns()
 
     def health(self) -> Sequence[Task]:
-        """What the node says of each of its tasks; in another thread than the loop's, so no dictionary that the loop
-        adds to is gone through before it is copied.
+        """The status of each of the node's tasks. It is called in another thread than the loop's, so a dictionary that
+        the loop changes must be copied before it is iterated over.
         """
         return [Task(name="loop")]
 
     def judged(self, name: str, counted: Mapping[str, int], total: int, **values: object) -> Task:
-        """A task by what went wrong since the last report, of so many tries in all; values are shown."""
+        """A task, judged by faults since the last report out of ``total`` tries; values are shown."""
         levels = {key: self.settings[f"{key}_share"] for key in ("warn", "error")}
         level, message = self.troubles.setdefault(name, Troubles()).judge(counted, total, **levels)
         return Task(name=name, level=level, message=message, values=values)
 
     def silent(self, task: Task, topic: str) -> Task:
-        """The task, or that nothing has come on a topic for stale_seconds, where something came before."""
+        """The task, or a STALE one where a topic that had messages has been silent for stale_seconds."""
         validator = self.validators[topic]
         seconds = (monotonic_ns() - validator.heard) / SECOND
         if not validator.heard or seconds < self.settings["stale_seconds"]:
@@ -192,16 +192,16 @@ class RigNode(ManagedNode):
         return replace(task, level=STALE, message=f"nothing on {topic} for {seconds:.1f} s")
 
     def dropped(self, topic: str) -> dict[str, int]:
-        """What was dropped at a topic's validator, by reason; who shares a topic with other joints is not troubled."""
+        """Messages that a topic's validator dropped, by reason, without those of other joints on the topic."""
         found = dict(self.validators[topic].dropped)
         return {reason.value: count for reason, count in found.items() if reason is not Reason.UNRELATED}
 
     def look_at_sources(self) -> None:
-        """See whether what was read is still there."""
+        """Check whether folders that were read have changed."""
         self.changed = {task: words for task, source in self.sources.items() if (words := source.changed())}
 
     def look_at_peers(self) -> None:
-        """See which peers there are that nothing passes to or from; a new one is logged."""
+        """Find peers with incompatible quality of service; a new one is logged."""
         found = self.unmatched()
         for words in found:
             if words not in self.incompatible_peers:
@@ -209,13 +209,13 @@ class RigNode(ManagedNode):
         self.incompatible_peers = found
 
     def watch_sources(self) -> None:
-        """Look at them again and again; in a thread of its own, for a disk may not answer."""
+        """Check the folders periodically, in a thread of its own, since a disk may not answer."""
         while not self.finished.done():
             self.look_at_sources()
             sleep(REPORT_PERIOD)
 
     def tasks(self) -> Sequence[Task]:
-        """What the node says of each of its tasks, and of what they have read."""
+        """The status of each of the node's tasks, and of the folders that they have read."""
         if not self.active:
             return [self.idle()]
         found = {task.name: task for task in self.health()}
@@ -232,13 +232,13 @@ class RigNode(ManagedNode):
         return list(found.values())
 
     def idle(self) -> Task:
-        """What there is to say of a node that is not active."""
+        """The status of a node that is not active."""
         if self.failure is None:
             return Task(name="loop", level=WARN, message=self.state)
         return Task(name="loop", level=ERROR, message=f"{self.state}: {self.failure}")
 
     def report(self) -> dict[str, object]:
-        """Publish the diagnostics; return their values by key. Beside the loop, which it would hold up by 1 ms."""
+        """Publish the diagnostics; return their values by key. It runs beside the loop, since it takes 1 ms."""
         with self._speaking:
             self.look_at_peers()
             tasks, node = self.tasks(), self.get_fully_qualified_name().strip("/")
@@ -248,9 +248,7 @@ class RigNode(ManagedNode):
             return {key: value for task in tasks for key, value in task.values.items()}
 
     def close(self) -> None:
-        """Last words, before the node is destroyed, its diagnostics also on the standard output. Raises UserError where
-        the node could not do what it was for.
-        """
+        """Print the diagnostics before the node is destroyed. Raises UserError where the node could not do its work."""
         try:
             if self.active:
                 self.deactivate()
@@ -258,6 +256,6 @@ class RigNode(ManagedNode):
             self.tell()
 
     def tell(self) -> None:
-        """Diagnostics on the standard output, with the peak memory."""
+        """Print the diagnostics with the peak memory on the standard output."""
         values = {"node": self.NAME, **self.report(), "memory_mb": peak_memory()}
         announce(json.dumps({key: None if value != value else value for key, value in values.items()}))

@@ -1,4 +1,4 @@
-"""CDR: joint messages as the bytes that travel (OMG DDSI-RTPS 2.5, 10.2: plain CDR, little-endian)."""
+"""CDR: joint messages as bytes (OMG DDSI-RTPS 2.5, 10.2: plain CDR, little-endian)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessa
 from hybrid_sysid_ros.nodes.signal_layout import FIELDS, Lists, Slots
 
 HEADER = b"\x00\x01\x00\x00"
-"""Plain CDR, little-endian, no options. What follows is aligned from here on."""
+"""Plain CDR, little-endian, no options. Alignment counts from the end of this header."""
 
 
 class MessageTemplate:
-    """What messages of one source have in common, with the same names and as many numbers in each list: every byte but
-    those of the stamp and the numbers, and where these stand.
+    """The common bytes of messages from one source with the same names and numbers of entries in each list: every byte
+    except the stamp and the numbers, and the places of these.
 
-    Nothing in a message says where to look: one that has all these bytes is unpacked by one call, others not at all.
+    A message that has all common bytes is unpacked by one call; others are not unpacked here.
     """
 
     def __init__(self, source: str, names: Sequence[str]) -> None:
@@ -34,7 +34,7 @@ class MessageTemplate:
             self._add_text(name)
 
     def _add(self, data: bytes) -> None:
-        """Bytes that messages have in common."""
+        """Add bytes that messages have in common."""
         self._data += data
         self._mask += b"\xff" * len(data)
 
@@ -48,16 +48,16 @@ class MessageTemplate:
         self._add(data)
 
     def _align(self, size: int) -> None:
-        """Leave out what brings the next part to a multiple of its size."""
+        """Skip the padding that aligns the next part to a multiple of its size."""
         self._leave((len(HEADER) - len(self._data)) % size)
 
     def _leave(self, size: int) -> None:
-        """Bytes that messages don't have in common."""
+        """Skip bytes that messages don't have in common."""
         self._data += bytes(size)
         self._mask += bytes(size)
 
     def _take(self, kinds: str, size: int) -> None:
-        """Numbers of a size each, by their kinds in a Struct."""
+        """Add numbers of one size each, by their format characters."""
         self._align(size)
         self._format += f"{len(self._data) - calcsize(self._format)}x{kinds}"
         self._leave(calcsize(f"<{kinds}"))
@@ -68,13 +68,13 @@ class MessageTemplate:
             self._take(f"{count}d", 8)
 
     def _end(self) -> None:
-        """All parts are there."""
+        """Compile the format, after all parts were added."""
         self._values = Struct(f"{self._format}{len(self._data) - calcsize(self._format)}x")
         self._common = int.from_bytes(self._data, "little")
         self._where = int.from_bytes(self._mask, "little")
 
     def _numbers(self, data: bytes) -> tuple[float, ...] | None:
-        """The numbers of a message of this form. What lies between or after its parts may be anything."""
+        """The numbers of a message of this form; bytes between and after its parts may have any value."""
         if len(data) < self._values.size or int.from_bytes(data, "little") & self._where != self._common:
             return None
         return self._values.unpack_from(data)
@@ -85,10 +85,10 @@ class MessageTemplate:
 
 
 class JointForm(MessageTemplate):
-    """That of JointState."""
+    """The form of JointState messages."""
 
     def __init__(self, source: str, names: Sequence[str], counts: Sequence[int]) -> None:
-        """counts: numbers in each of the lists."""
+        """counts: number of entries in each list."""
         super().__init__(source, names)
         self._velocity, self._effort = 2 + counts[0], 2 + counts[0] + counts[1]
         for count in counts:
@@ -96,7 +96,7 @@ class JointForm(MessageTemplate):
         self._end()
 
     def unpack(self, data: bytes) -> JointStates | None:
-        """What a message says, if it is of this form."""
+        """The content of a message, if it has this form."""
         values = self._numbers(data)
         if values is None:
             return None
@@ -104,16 +104,16 @@ class JointForm(MessageTemplate):
         return JointStates(self.source, int(values[0]) * SECOND + int(values[1]), self.names, lists)
 
     def pack(self, stamp: int, lists: Lists) -> bytes:
-        """The message with this stamp [ns] and these numbers."""
+        """A message with this stamp [ns] and these numbers."""
         position, velocity, effort = lists
         return self._message(*divmod(stamp, SECOND), *position, *velocity, *effort)
 
 
 class TrajectoryForm(MessageTemplate):
-    """That of JointTrajectory whose points all have the same lists."""
+    """The form of JointTrajectory messages whose points all have the same lists."""
 
     def __init__(self, source: str, names: Sequence[str], counts: Sequence[int], points: int) -> None:
-        """counts: numbers in each of the lists of a point, the accelerations left out, which nobody reads."""
+        """counts: number of entries in each list of a point, without accelerations, which are not used."""
         super().__init__(source, names)
         position, velocity, effort = counts
         self._columns = 0, position, position + velocity, position + velocity + effort
@@ -126,7 +126,7 @@ class TrajectoryForm(MessageTemplate):
         self._end()
 
     def unpack(self, data: bytes) -> TrajectoryMessage | None:
-        """What a message says, if it is of this form."""
+        """The content of a message, if it has this form."""
         values = self._numbers(data)
         if values is None:
             return None
@@ -141,10 +141,10 @@ class TrajectoryForm(MessageTemplate):
 
 
 class JointWriter:
-    """Joint messages with the entries of some slots, one after the other; NaN where there is no slot."""
+    """Writes joint messages with the entries of some slots in order; NaN where there is no slot."""
 
     def __init__(self, slots: Slots, source: str = "") -> None:
-        """source: the frame_id of each."""
+        """source: the frame_id of each message."""
         self._slots, self._lists = slots, _lists(slots)
         self._form = JointForm(source, slots.names, [len(values) for values in self._lists])
 
@@ -155,10 +155,10 @@ class JointWriter:
 
 
 class TrajectoryWriter:
-    """Trajectories with the entries of some slots, one after the other; NaN where there is no slot."""
+    """Writes trajectories with the entries of some slots in order; NaN where there is no slot."""
 
     def __init__(self, slots: Slots, offsets: Sequence[int], source: str = "") -> None:
-        """offsets: of the points from the stamp on [ns]; source: the frame_id of each."""
+        """offsets: times of the points after the stamp [ns]; source: the frame_id of each message."""
         self._slots, self._lists = slots, _lists(slots)
         counts = [len(values) for values in self._lists]
         self._form = TrajectoryForm(source, slots.names, counts, len(offsets))
@@ -175,6 +175,6 @@ class TrajectoryWriter:
 
 
 def _lists(slots: Slots) -> tuple[list[float], list[float], list[float]]:
-    """Those of a message with the entries of some slots."""
+    """The lists of a message with the entries of some slots."""
     position, velocity, effort = ([math.nan] * (len(slots.names) if field in slots.fields else 0) for field in FIELDS)
     return position, velocity, effort

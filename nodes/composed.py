@@ -1,4 +1,4 @@
-"""Composed: nodes of one rig, or of several, in one process and one loop."""
+"""Composed node: nodes of one rig, or of several, in one process and one loop."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ KINDS: Mapping[str, str] = {
     "controller": "ControllerNode",
     "reference": "ReferenceNode",
 }
-"""Nodes that keep a loop, by their names; a recorder gives way to one, in a process of its own."""
+"""Nodes of the loop by name; a recorder runs in a process of its own, with a lower priority."""
 
 
 def compose(arguments: list[str]) -> list[RigNode]:
-    """Make the nodes that a command line asks for. Raises UserError where a parameter is not as it should be."""
+    """Make the nodes that a command line names. Raises UserError for a wrong parameter."""
     parser = argparse.ArgumentParser(prog="composed", description=__doc__)
     parser.add_argument("--nodes", nargs="+", choices=list(KINDS), default=list(KINDS), help="all by default")
-    parser.add_argument("--namespaces", nargs="+", default=[""], help="of the rigs; one as __ns says by default")
-    parser.add_argument("--rigs", nargs="+", default=[], help="by name or path, one for each namespace")
+    parser.add_argument("--namespaces", nargs="+", default=[""], help="of the rigs; by default the one of __ns")
+    parser.add_argument("--rigs", nargs="+", default=[], help="names or paths, one for each namespace")
     asked = parser.parse_args(arguments)
     rigs = asked.rigs or [""] * len(asked.namespaces)
     if len(rigs) != len(asked.namespaces):
@@ -51,7 +51,7 @@ def _kind(name: str) -> type[RigNode]:
 
 
 def main() -> int:
-    """Run them until one of them is finished."""
+    """Run the nodes until one of them is finished."""
     return run(partial(compose, remove_ros_args(sys.argv)[1:]), together=True)
 
 

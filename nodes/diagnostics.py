@@ -16,13 +16,13 @@ class Task:
     """One task of a node, which has a status of its own in the diagnostics."""
 
     name: str
-    """loop, sensor, model, policy, recorder: what an aggregator groups by."""
+    """loop, sensor, model, policy or recorder, by which an aggregator groups."""
     level: bytes = OK
     message: str = "running"
     values: Mapping[str, object] = field(default_factory=dict)
 
     def status(self, node: str, rig: str) -> DiagnosticStatus:
-        """As it is published."""
+        """The status as it is published."""
         return DiagnosticStatus(
             level=self.level,
             name=f"{node}: {self.name}",
@@ -33,14 +33,14 @@ class Task:
 
 
 class Troubles:
-    """Judges a task by how much its counters of faults grew since the last report."""
+    """Judges a task by the growth of its fault counters since the last report."""
 
     def __init__(self) -> None:
         self._before: dict[str, int] = {}
 
     def judge(self, counted: Mapping[str, int], total: int, *, warn: float, error: float) -> tuple[bytes, str]:
-        """Return the level and a sentence. counted: faults since the start by name; total: tries since the start.
-        warn, error: shares of faults among the tries since the last report from which on the level is that one.
+        """The level and a sentence. counted: faults since the start by name; total: tries since the start. warn, error:
+        least shares of faults among the tries since the last report for these levels.
         """
         before, self._before = self._before, {**counted, "": total}
         grown = {name: count - before.get(name, 0) for name, count in counted.items()}

@@ -1,4 +1,4 @@
-"""Drive: the commands that drive the plant, each in force from the moment it came, and how they answer measurements."""
+"""Drive: the commands that drive the plant, each from its arrival on, and the measurements that they answer."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ REMEMBERED = 1024  # measurements whose time of publishing is known
 
 
 class Drive:
-    """Holds the last inputs (m,), at rest when none have come for `timeout` [s]. Times [s] are on one clock."""
+    """Holds the last inputs (m,), and rests when none have come for `timeout` [s]. All times [s] are of one clock."""
 
     def __init__(self, actuators: Sequence[Actuator], *, timeout: float) -> None:
         self.timeout = timeout
         self.saturated = 0
-        """Commands beyond a limit, bounded."""
+        """Number of commands beyond a limit, which were bounded."""
         self.timeouts = 0
-        """Times that the inputs were put to rest because commands stopped."""
+        """Number of times that the inputs went to rest because commands stopped."""
         self._low = [actuator.low for actuator in actuators]
         self._high = [actuator.high for actuator in actuators]
         self._rest = [actuator.rest for actuator in actuators]
@@ -32,14 +32,14 @@ class Drive:
         self._last = NEVER
 
     def command(self, inputs: Sequence[float], time: float) -> None:
-        """Finite inputs (m,) that are in force from `time` on, or from when those before them are, if that is later."""
+        """Set finite inputs (m,) from `time` on, or from the time of earlier ones, if that is later."""
         bounded = [min(max(u, low), high) for u, low, high in zip(inputs, self._low, self._high, strict=True)]
         self.saturated += bounded != list(inputs)
         earliest = self._pending[-1][0] if self._pending else time
         self._pending.append((max(time, earliest), bounded))
 
     def at(self, time: float) -> list[float]:
-        """Inputs (m,) at a time; times must not fall."""
+        """Inputs (m,) at a time; times must not decrease."""
         while self._pending and self._pending[0][0] <= time:
             self._last, self._inputs = self._pending.popleft()
         if time - self._last > self.timeout and self._last > NEVER:
@@ -49,10 +49,10 @@ class Drive:
 
 
 class Answers:
-    """Which measurement was answered by which command, and how long that took.
+    """Commands that answer measurements, and their delays.
 
-    Measurement k has the stamp start + k period [ns]; the start may follow a clock. missed: measurements without a
-    command before the next one, counted from the first command on; last_missed: the last of them, or -1.
+    Measurement k has the stamp start + k period [ns]; the start may follow a clock. missed: number of measurements
+    without a command before the next one, from the first command on; last_missed: the last of them, or -1.
     """
 
     def __init__(self, *, start: int, period: int) -> None:
@@ -64,7 +64,7 @@ class Answers:
         self.missed = 0
         self.last_missed = -1
         self.last = NEVER
-        """When an answer came last [s]."""
+        """Time of the last answer [s]."""
         self.delay = Timing()
         self._published = np.zeros(REMEMBERED)
         self._stamps = np.zeros(REMEMBERED, dtype=np.int64)
@@ -74,7 +74,7 @@ class Answers:
         return self.start + number * self.period
 
     def measured(self, number: int, time: float) -> None:
-        """Measurement `number` was taken at `time` [s]."""
+        """Note that measurement `number` was taken at `time` [s]."""
         if self.commands and self.answered < self.latest:
             self.missed += 1
             self.last_missed = self.latest
@@ -89,12 +89,12 @@ class Answers:
         return number if known and self._stamps[number % REMEMBERED] == stamp else None
 
     def awaits(self, stamp: int) -> bool:
-        """Whether a stamp is of a measurement that no earlier answer was newer than."""
+        """Whether a stamp belongs to a measurement that is not older than any answered one."""
         number = self.measurement(stamp)
         return number is not None and number > self.answered
 
     def answer(self, stamp: int, time: float) -> bool:
-        """A command came at `time` [s]: whether it answers a measurement."""
+        """Whether a command that came at `time` [s] answers a measurement."""
         number = self.measurement(stamp)
         if number is None or number <= self.answered:
             return False

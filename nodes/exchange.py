@@ -1,4 +1,4 @@
-"""Exchange: messages between nodes of one process, without the detour through the middleware."""
+"""Exchange: messages between nodes of one process, without the middleware."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 from rclpy.publisher import Publisher
 
 AT_ONCE = 16
-"""Messages that are delivered before timers and messages from outside have their turn."""
+"""Messages that are delivered before timers and messages of other processes are served."""
 Deliver = Callable[[bytes], None]
 
 
 class Exchange:
-    """Takes serialised messages to those in this process that hear a topic, one after the other, in the loop's thread;
-    the middleware takes them to all others.
+    """Delivers serialised messages to subscribers in this process, one after the other, in the loop's thread. The
+    middleware delivers them to all others.
     """
 
     def __init__(self) -> None:
@@ -24,32 +24,32 @@ class Exchange:
         self._waiting: deque[tuple[Deliver, bytes]] = deque()
 
     def subscribe(self, topic: str, deliver: Deliver) -> None:
-        """Hear a topic, by its full name."""
+        """Subscribe to a topic by its full name."""
         self._hearing[topic].append(deliver)
 
     def leave(self, topic: str, deliver: Deliver) -> None:
-        """Hear it no longer."""
+        """Unsubscribe from a topic."""
         self._hearing[topic].remove(deliver)
 
     def publishers(self, topic: str) -> int:
-        """How many of a topic there are here."""
+        """Number of publishers of a topic in this process."""
         return self._outlets[topic]
 
     def listeners(self, topic: str) -> int:
-        """How many hear a topic here."""
+        """Number of subscribers of a topic in this process."""
         return len(self._hearing[topic])
 
     def opened(self, topic: str, count: int) -> None:
-        """So many publishers of a topic more."""
+        """Add ``count`` publishers of a topic."""
         self._outlets[topic] += count
 
     def give(self, topic: str, data: bytes) -> None:
-        """Leave a message for all here that hear a topic."""
+        """Queue a message for all subscribers of a topic in this process."""
         for deliver in self._hearing[topic]:
             self._waiting.append((deliver, data))
 
     def deliver(self) -> bool:
-        """Deliver what waits, and some of what that leads to; whether something waits still."""
+        """Deliver queued messages, and some that these cause; whether some are left."""
         waiting = self._waiting
         for _ in range(AT_ONCE):
             if not waiting:
@@ -60,7 +60,7 @@ class Exchange:
 
 
 class Outlet:
-    """A publisher whose messages go to both."""
+    """A publisher whose messages go to the exchange and to the middleware."""
 
     def __init__(self, publisher: Publisher, exchange: Exchange) -> None:
         self.publisher = publisher
@@ -68,17 +68,17 @@ class Outlet:
         exchange.opened(self._topic, 1)
 
     def publish(self, message: Any) -> None:
-        """Publish a serialised message, or one that nobody here hears."""
+        """Publish a serialised message, or an object that has no subscriber in this process."""
         if isinstance(message, bytes):
             self._exchange.give(self._topic, message)
         self.publisher.publish(message)
 
     def get_subscription_count(self) -> int:
-        """How many hear it."""
+        """Number of subscribers."""
         return int(self.publisher.get_subscription_count()) + self._exchange.listeners(self._topic)
 
     def close(self) -> None:
-        """Publish no longer."""
+        """Destroy the publisher."""
         self._exchange.opened(self._topic, -1)
 
     def __getattr__(self, name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Executable: what the nodes' executables start, each by its own name."""
+"""Executable: the entry point of the nodes' executables, which finds the node by the executable's name."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extensions import node_module
 
 SECOND_TRY = "HYBRID_SYSID_SECOND_TRY"
-"""Variable that tells a Python that another one has tried before."""
+"""Environment variable that is set when another Python has tried before."""
 
 
 def main() -> int:
-    """Start the node that the executable is named after; 2 where no Python at hand has what it needs.
+    """Start the node that has the executable's name; return 2 where no available Python has its dependencies.
 
-    colcon --symlink-install writes its own Python into executables, which may lack what only pip has: then the Python
-    in front, of an environment that is active, takes over.
+    colcon --symlink-install writes its own Python into executables, which may lack packages of pip: then the first
+    Python in the path, such as that of an active environment, is used.
     """
     name = Path(sys.argv[0]).stem.removeprefix("hybrid-sysid-")
     try:
@@ -40,9 +40,7 @@ def main() -> int:
 
 
 def start_again(module: str) -> None:
-    """Become a module with the same arguments under the Python in front, where that is another one and was not tried
-    yet.
-    """
+    """Run a module with the same arguments under the first Python in the path, if that was not tried."""
     other = shutil.which("python3")
     if other and Path(other).parent != Path(sys.executable).parent and not os.environ.get(SECOND_TRY):
         os.environ[SECOND_TRY] = "1"

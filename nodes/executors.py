@@ -1,4 +1,4 @@
-"""Executors: who calls the callbacks of nodes: the loop, and beside it threads for what may take its time."""
+"""Executors of the nodes' callbacks: the loop, and threads beside it for slow callbacks."""
 
 from __future__ import annotations
 
@@ -25,35 +25,35 @@ from hybrid_sysid_ros.support.versions import RCLPY_EXECUTOR
 if TYPE_CHECKING:
     from hybrid_sysid_ros.nodes.base import RigNode
 
-SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, however many are asked
-LOOK_PERIOD = 0.1  # s, between two looks whether anybody is there still to be served
+SERVICE_PERIOD = 2e-3  # s, least time between two answers to parameter services
+LOOK_PERIOD = 0.1  # s, between two checks whether there is something to serve
 PRIVATE = (
     *("_context", "_guard", "_is_shutdown", "_sigint_gc", "_tasks", "_tasks_lock"),
     *(f"_take_{kind}" for kind in (*KINDS, "waitable")),
 )
-"""What Executor uses of rclpy's own that nobody promises."""
+"""Private names of rclpy that Executor uses."""
 TakeEntity = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
-"""Takes what is ready of an entity, and returns what calls back with it."""
+"""Takes a ready message or event of an entity, and returns the coroutine function of its callback."""
 
 
 class Executor(SingleThreadedExecutor):
-    """Calls back at once, in the one thread that spins it, and keeps what it waits for.
+    """Calls callbacks directly, in the one thread that spins it, and keeps its wait set.
 
-    rclpy's own makes a task of each callback and wakes itself twice behind it, for other threads may spin it, too: it
-    looks at all that a node has three times for each message. In the four processes of a loop at 200 Hz that was a
-    third of their time.
+    rclpy's executor makes a task of each callback and wakes itself twice after it, since other threads may spin it too.
+    So it examines all entities of a node three times for each message: a third of the processor time of a loop's four
+    processes at 200 Hz.
     """
 
     def __init__(self, *, context: Context | None = None) -> None:
         super().__init__(context=context)
         self._found: Iterator[tuple[TakeEntity, Any]] = iter(())
         self._wait_set: WaitSet | None = None
-        self._changed = False  # what there is to wait for
+        self._changed = False  # whether the entities have changed
         self._waiting = Lock()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Call back once, timeout_sec [s] from now at the latest, or whenever something is ready. Raises what is raised
-        there, and ExternalShutdownException when the context has ended.
+        """Call one callback when something is ready, waiting up to timeout_sec [s], or without limit. Raises errors of
+        the callback, and ExternalShutdownException when the context has ended.
         """
         found = next(self._found, None)
         if found is None:
@@ -63,7 +63,7 @@ class Executor(SingleThreadedExecutor):
             _call(*found)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Call back no more, and let go of all that was waited for."""
+        """Stop calling callbacks, and release the wait set."""
         self._found = iter(())
         ended = bool(super().shutdown(timeout_sec))
         with self._waiting:
@@ -71,7 +71,7 @@ class Executor(SingleThreadedExecutor):
         return ended
 
     def _find(self, timeout_sec: float | None) -> Iterator[tuple[TakeEntity, Any]]:
-        """What is to be called back; nothing when the time is over."""
+        """Ready entities; none when the time is over."""
         end = None if timeout_sec is None or timeout_sec < 0.0 else monotonic() + timeout_sec
         with self._tasks_lock:
             tasks: list[Task] = [task for task, _, _ in self._tasks]
@@ -88,7 +88,7 @@ class Executor(SingleThreadedExecutor):
             if left == 0:
                 break
         for kind, entity in ready:
-            if kind != "timer" or entity.handle.is_timer_ready():  # one that is cancelled is not
+            if kind != "timer" or entity.handle.is_timer_ready():  # a cancelled timer is not ready
                 yield getattr(self, f"_take_{kind}"), entity
 
     def _wait(self, timeout: int) -> ReadyEntities:
@@ -104,18 +104,18 @@ class Executor(SingleThreadedExecutor):
         except InvalidHandle:
             self._changed = True
             return []
-        # Nodes wake their executor for what they create and destroy, and so does whoever adds or removes one.
+        # Nodes wake their executor when they create or destroy entities, as does adding or removing a node.
         self._changed = any(entity is self._guard for _, entity in ready)
         return [item for item in ready if item[1].callback_group is not None]
 
     def _renew(self) -> None:
-        """Look anew at the next turn what there is to wait for."""
+        """Rebuild the wait set at the next turn."""
         if self._wait_set is not None:
             self._wait_set.close()
         self._wait_set, self._changed = None, False
 
     def _take_guard_condition(self, guard: GuardCondition) -> Any:
-        with suppress(InvalidHandle), guard.handle:  # not one that is destroyed: rclpy looks so at all others
+        with suppress(InvalidHandle), guard.handle:  # unless it is destroyed, as rclpy checks for all others
             return super()._take_guard_condition(guard)
         return None
 
@@ -129,13 +129,13 @@ class Executor(SingleThreadedExecutor):
 
 
 def _call(take: TakeEntity, entity: Any) -> None:
-    """Take what is ready of an entity and call back. Raises what is raised there."""
+    """Take the ready message or event of an entity and call its callback. Raises errors of the callback."""
     run = take(entity)
     if run is None:
         return
     with suppress(StopIteration):
         run().send(None)
-        raise RuntimeError(f"the callback of {entity} awaits something: a loop waits for nobody")
+        raise RuntimeError(f"the callback of {entity} awaits something, which the loop does not support")
 
 
 def _missing() -> list[str]:
@@ -145,12 +145,12 @@ def _missing() -> list[str]:
 
 
 Base: Any = Executor if RCLPY_EXECUTOR.usable(_missing()) else SingleThreadedExecutor
-"""Of the loop and its services."""
+"""Base of the loop and its services."""
 
 
 @dataclass(frozen=True, eq=False)
 class NodePart:
-    """What one of several executors calls of a node: rclpy's own would call guards that wake another one, too."""
+    """The callback groups of a node that one of several executors serves. rclpy's would also serve guards of others."""
 
     node: Node
     wanted: Callable[[CallbackGroup], bool]
@@ -163,16 +163,16 @@ class NodePart:
 
 
 class EventLoop(Base):
-    """All of some nodes but what goes on aside."""
+    """The executor of some nodes without their services."""
 
     def __init__(self, nodes: Sequence[RigNode], services: Sequence[Services] = ()) -> None:
-        """services: what the nodes do beside."""
+        """services: executors of the nodes' services."""
         self._services = services
         super().__init__()
         apart = {group for node in nodes for group in (node.service_group, node.slow_group)}
         self._parts = [NodePart(node, lambda group: group not in apart) for node in nodes]
         self._exchange = nodes[0].exchange
-        self._more = False  # messages of the exchange wait
+        self._more = False  # whether messages of the exchange wait
         for node in nodes:
             self.add_node(node)
 
@@ -180,22 +180,22 @@ class EventLoop(Base):
         return self._parts
 
     def wake(self) -> None:
-        """Look anew what there is to wait for, here and beside: nodes know of one executor."""
+        """Rebuild the wait sets of the loop and its services, since nodes know only one executor."""
         super().wake()
         for item in self._services:
             item.wake()
 
     def turn(self) -> None:
-        """Wait for something to do and do it, with all that follows in this process."""
+        """Wait for an event and handle it, with all messages that follow in this process."""
         self.spin_once(0.0 if self._more else None)
         self._more = self._exchange is not None and self._exchange.deliver()
 
 
 class Services(Base):
-    """What nodes do beside the loop, by groups, each in a thread of its own: no storm of questions and no report holds
-    the loop up, and nothing that takes long a stop.
+    """Services of nodes beside the loop, by callback group, each in a thread of its own: requests and reports do not
+    delay the loop, and slow ones do not delay a stop.
 
-    So are the events of their publishers, which would cost the loop more than its messages, at each of them.
+    They also handle the events of publishers, which would cost the loop more than its messages.
     """
 
     def __init__(self, nodes: Sequence[RigNode], groups: Sequence[CallbackGroup]) -> None:
@@ -203,12 +203,10 @@ class Services(Base):
         self._parts = [NodePart(node, frozenset(groups).__contains__) for node in nodes]
 
     def get_nodes(self) -> list[NodePart]:
-        return self._parts  # not added: a node has one executor, the loop's
+        return self._parts  # these are not added: a node has one executor, the loop's
 
     def serve(self) -> None:
-        """Answer, one after the other, until the context or this executor ends; what goes wrong is logged, and the next
-        one answered.
-        """
+        """Answer requests one after the other until the context or this executor ends; errors are logged."""
         nodes = [part.node for part in self._parts]
         while self.context.ok() and not ended(nodes):
             try:
@@ -216,12 +214,12 @@ class Services(Base):
             except (ExternalShutdownException, ShutdownException):
                 return
             except InvalidHandle:
-                continue  # the loop destroyed what was looked at
+                continue  # the loop destroyed an entity of the wait set
             except Exception as error:
                 nodes[0].get_logger().error("".join(format_exception(error)))
             sleep(SERVICE_PERIOD)
 
 
 def ended(nodes: Sequence[RigNode]) -> bool:
-    """Whether one of the nodes has nothing more to do: without it the others wait for ever."""
+    """Whether one of the nodes has finished: the others would wait for it for ever."""
     return any(node.finished.done() for node in nodes)

@@ -1,4 +1,4 @@
-"""Motion: where the joints of the simulated rig truly were at each of its steps, for a camera to see."""
+"""Motion: the true positions of the simulated rig's joints at each of its steps, for a camera."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from hybrid_sysid_ros.rigs.rig import Rig
 
 
 class JointMotion:
-    """Gathers the positions of all joints that move; of a joint without one the velocity is summed up."""
+    """Collects the positions of all joints that move; the velocity of a joint without a position is integrated."""
 
     def __init__(self, rig: Rig, steps: int, source: str) -> None:
-        """steps: of the rig in a message; source: the frame_id of each."""
+        """steps: the rig's steps in a message; source: the frame_id of each message."""
         names = [item.name for item in rig.system.states]
         joints = {
             name: joint for name, joint in rig.joints.joints.items() if {joint.position, joint.velocity} & {*names}
@@ -28,7 +28,7 @@ class JointMotion:
         self._rows: list[list[float]] = []
 
     def see(self, plant: Plant) -> None:
-        """Take the positions after a step."""
+        """Add the positions after a step."""
         state = plant.state.tolist()
         for k, index in enumerate(self._positions):
             if index >= 0:
@@ -38,8 +38,8 @@ class JointMotion:
         self._rows.append(self._sums.copy())
 
     def message(self, stamp: int) -> bytes:
-        """The message about the last steps, of which the newest is at a stamp [ns]; before the first step about the
-        beginning alone.
+        """The message of the last steps, whose newest has a stamp [ns]; before the first step it has the initial
+        positions alone.
         """
         rows, self._rows = self._rows or [self._sums.copy()], []
         if len(rows) < self._steps:

@@ -30,14 +30,14 @@ from hybrid_sysid_ros.nodes.exchange import Exchange, Outlet
 from hybrid_sysid_ros.nodes.subscriptions import Listener, unmatched
 from hybrid_sysid_ros.support.errors import UserError
 
-LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
+LOOK_PERIOD = 0.02  # s, between two checks whether a peer is there
 RCLError = rclpy_implementation.RCLError
 LONGEST = 2000  # characters of an error
-PATIENCE = 60.0  # s, with a loop that is asked to do something
+PATIENCE = 60.0  # s, to wait for an action in the loop
 
 
 def _changed(change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-    """Answer a manager, also one who asks for what can't be from here: rclpy would end the node."""
+    """Answer a manager, also a request that is impossible in this state, for which rclpy would end the node."""
     try:
         return change(request, response)
     except RCLError:
@@ -46,13 +46,13 @@ def _changed(change: Callable[[Any, Any], Any], request: Any, response: Any) -> 
 
 
 class ManagedNode(LifecycleNodeMixin, Node):
-    """A node that is unconfigured, inactive or active. What it opens while it is active is closed behind that.
+    """A node that is unconfigured, inactive or active. Whatever it opens while it is active is closed afterwards.
 
-    finished: done when the node has nothing more to do.
+    finished: a future that is done when the node has finished.
     """
 
     def __init__(self, name: str, *, exchange: Exchange | None = None, **options: Any) -> None:
-        """exchange: with other nodes of this process. options: of rclpy.node.Node."""
+        """exchange: messages with other nodes of this process. options: those of rclpy.node.Node."""
         self.exchange = exchange
         Node.__init__(self, name, **options)
         self.finished = Future()
@@ -60,12 +60,12 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self.failure: Exception | None = None
         """Why the last change of state failed."""
         self.thread: int | None = None
-        """Of the loop, while one runs."""
+        """Identifier of the loop's thread, while it runs."""
         self._handed: deque[tuple[Callable[[], object], Answer[Any]]] = deque()
         self._wake = self.create_guard_condition(self._take_over)
         self._opened: list[Publisher] = []
         self._refused: dict[str, QoSProfile] = {}
-        """How topics are offered that somebody asks for otherwise."""
+        """Quality of service of topics that a peer requests otherwise."""
         self._listeners: list[Listener] = []
         self._ticking: list[Timer] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -76,36 +76,37 @@ class ManagedNode(LifecycleNodeMixin, Node):
             self._serve(service, action)
 
     def destroy_node(self) -> None:
-        """Destroy all that the middleware has of the node, its states too, which rclpy leaves to the collector."""
+        """Destroy the node and its state machine, which rclpy leaves to the garbage collector."""
         super().destroy_node()
         states = getattr(self, "_state_machine", None)  # a private name: without it they are left to the collector
         if states is not None:
             states.destroy_when_not_in_use()
 
     def bring_up(self) -> None:
-        """Be active at once, without a manager. Raises what stands in the way."""
+        """Become active at once, without a manager. Raises the error that prevents it."""
         for change in (self.trigger_configure, self.trigger_activate):
             if change() != TransitionCallbackReturn.SUCCESS and self.failure is not None:
                 raise self.failure
 
     def configure(self) -> None:
-        """Load, compile and check what the parameters name. Raises UserError where that can't be."""
+        """Load, compile and check what the parameters name. Raises UserError where that is not possible."""
 
     def activate(self) -> None:
-        """Begin to hear, publish and do what the node is for."""
+        """Begin to subscribe, to publish and to work."""
 
     def wind_down(self) -> None:
-        """Leave nothing moving behind before the node is inactive; beside the loop, which goes on meanwhile."""
+        """Bring everything to rest before the node becomes inactive; called beside the loop, which runs on."""
 
     def deactivate(self) -> None:
-        """Last words of an active node."""
+        """Finish the work of an active node."""
 
     def cleanup(self) -> None:
-        """Forget what configure() has loaded."""
+        """Release what configure() has loaded."""
 
     def in_loop(self, action: Callable[[], object]) -> None:
-        """Do something in the loop's thread, between two of its callbacks, and wait for it; here, where none runs.
-        Raises what the action raises, and UserError where the loop does not get to it in PATIENCE: then it never does.
+        """Run an action in the loop's thread, between two callbacks, and wait for it; without a loop run it here.
+        Raises errors of the action, and UserError where the loop does not begin it within PATIENCE; then it is
+        cancelled.
         """
         if self.thread in (None, get_ident()):
             action()
@@ -116,7 +117,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         try:
             answer.result(PATIENCE)
         except Late as error:
-            if answer.done():  # the action's own
+            if answer.done():  # an error of the action
                 raise
             late = "got to it, and is still at it" if not answer.cancel() else "did not get to it"
             raise UserError(f"the node's loop {late} after {PATIENCE:g} s: look at what holds it up") from error
@@ -125,7 +126,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         while self._handed:
             action, answer = self._handed.popleft()
             if not answer.set_running_or_notify_cancel():
-                continue  # nobody waits for it any more
+                continue  # it was cancelled
             try:
                 answer.set_result(action())
             except Exception as error:
@@ -163,7 +164,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """After a failure that is no user's: unconfigured again, so that a manager may try once more."""
+        """After an unexpected failure become unconfigured again, so that a manager may try again."""
 
         def recover() -> None:
             self._leave()
@@ -174,7 +175,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return found
 
     def _attempt(self, action: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do what a change of state asks for; a failure is logged, and told in the diagnostics until one goes well."""
+        """Run the action of a change of state; a failure is logged, and stays in the diagnostics until one succeeds."""
         try:
             self.in_loop(action)
         except Exception as error:
@@ -199,7 +200,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self.cleanup()
 
     def _shut(self) -> None:
-        """Close what activate() has opened."""
+        """Close everything that activate() has opened."""
         for listener in self._listeners:
             listener.close()
         for publisher in self._opened:
@@ -215,13 +216,13 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     @cached_property
     def service_group(self) -> MutuallyExclusiveCallbackGroup:
-        """What goes on in another thread than the loop's: see :class:`executors.Services`."""
+        """Callback group that runs in another thread than the loop's, see :class:`executors.Services`."""
         return MutuallyExclusiveCallbackGroup()
 
     @cached_property
     def slow_group(self) -> MutuallyExclusiveCallbackGroup:
-        """What may take long, as parameters and states do where something is loaded and compiled: in a third thread, so
-        that a stop does not wait for it.
+        """Callback group of slow callbacks, such as changes of parameters and states that load and compile. It runs in
+        a third thread, so that a stop does not wait for it.
         """
         return MutuallyExclusiveCallbackGroup()
 
@@ -231,11 +232,11 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     @property
     def state(self) -> str:
-        """As a manager calls it."""
+        """Name of the state, as a manager uses it."""
         return "active" if self.active else "inactive" if self.configured else "unconfigured"
 
     def words_of(self, error: Exception) -> str:
-        """An error in a line; one that nobody has foreseen is logged with where it comes from."""
+        """An error in a line; an unexpected one is logged with its traceback."""
         if isinstance(error, UserError):
             return str(error)
         if isinstance(error, OSError):
@@ -244,7 +245,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return f"{type(error).__name__}: {error}"[:LONGEST]
 
     def create_publisher(self, kind: Any, topic: str, quality: QoSProfile, **options: Any) -> Any:
-        """Its group is that of what the middleware tells of it: of readers that ask for another quality above all."""
+        """Create a publisher; its callback group handles its events, such as subscribers with another quality."""
         name = self.resolve_topic_name(topic)
         events = PublisherEventCallbacks(incompatible_qos=lambda event: self._refused.update({name: quality}))
         return super().create_publisher(
@@ -252,13 +253,13 @@ class ManagedNode(LifecycleNodeMixin, Node):
         )
 
     def publication(self, topic: str) -> Publisher:
-        """Publisher of a topic, for as long as the node is there."""
+        """Publisher of a topic that lives as long as the node."""
         quality, overrides = self.quality(topic), topics.OVERRIDES
         return self.create_publisher(topics.TYPES[topic], topic, quality, qos_overriding_options=overrides)
 
     def unmatched(self) -> list[str]:
-        """Peers that ask for another quality of service than this node offers, or offer less than it asks for: nothing
-        passes between them and it. A line each.
+        """A line for each peer that requests another quality of service than this node offers, or offers less than it
+        requests, so that no messages pass between them.
         """
         heard = [line for listener in list(self._listeners) for line in listener.unmatched()]
         said = [
@@ -269,26 +270,26 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return heard + said
 
     def quality(self, topic: str) -> QoSProfile:
-        """How a topic is offered."""
+        """Quality of service of a topic."""
         return topics.profile(topic)
 
     def open(self, topic: str) -> Publisher:
-        """Publisher of a topic, as long as the node is active."""
+        """Publisher of a topic that lives as long as the node is active."""
         publisher = self.publication(topic)
         self._opened.append(publisher if self.exchange is None else Outlet(publisher, self.exchange))
         return self._opened[-1]
 
     def subscribe(self, kind: type[Any], topic: str, quality: QoSProfile, callback: Callable[..., None]) -> Listener:
-        """Hear serialised messages of a topic, as long as the node is active."""
+        """Subscribe to serialised messages of a topic, as long as the node is active."""
         self._listeners.append(listener := Listener(self, kind, topic, quality, callback, soon=self.soon))
         return listener
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
-        """What the node's own services, ~/NAME, do in the loop while it is active."""
+        """Actions of the node's own services, ~/NAME, which run in the loop while it is active."""
         return {}
 
     def _serve(self, name: str, action: Callable[[], object]) -> None:
-        """A service for as long as the node is there: one that goes while it answers would answer nobody."""
+        """Create a service that lives as long as the node; one that is destroyed in a call would never answer."""
 
         def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             if not self.active:
@@ -304,12 +305,12 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self.create_service(Trigger, f"~/{name}", answer)
 
     def every(self, period: float, callback: Callable[[], object]) -> Timer:
-        """Timer on the steady clock, as long as the node is active; period [s]."""
+        """Timer on the steady clock that runs as long as the node is active; period [s]."""
         self._ticking.append(timer := self.create_timer(period, callback, clock=self._steady))
         return timer
 
     def when(self, condition: Callable[[], bool], action: Callable[[], None]) -> None:
-        """Do something once, as soon as a condition holds."""
+        """Run an action once, as soon as a condition holds."""
 
         def look() -> None:
             if condition():
@@ -321,7 +322,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         timer = self.every(LOOK_PERIOD, look)
 
     def soon(self, action: Callable[[], None]) -> None:
-        """Do something once, outside of callbacks that it would not suit."""
+        """Run an action once, outside the current callback."""
         self.when(lambda: True, action)
 
     def finish(self) -> None:

@@ -1,4 +1,4 @@
-"""Messages: what they say of joints, and times."""
+"""Messages: the content of joint messages, and times."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def set_nanoseconds(stamp: Time | Duration, value: int) -> None:
 
 
 class JointStates(NamedTuple):
-    """What a JointState says."""
+    """Content of a JointState."""
 
     source: str
-    """Its frame_id, by which its publisher is told from others."""
+    """Its frame_id, which identifies its publisher."""
     stamp: int
     """[ns]"""
     names: Sequence[str]
@@ -40,27 +40,27 @@ class JointStates(NamedTuple):
 
     @classmethod
     def of(cls, message: JointState) -> JointStates:
-        """What a message says that the middleware has unpacked."""
+        """Content of a message that the middleware has unpacked."""
         header, lists = message.header, (message.position, message.velocity, message.effort)
         return cls(header.frame_id, nanoseconds(header.stamp), message.name, lists)
 
 
 class TrajectoryMessage(NamedTuple):
-    """What a JointTrajectory says."""
+    """Content of a JointTrajectory."""
 
     source: str
-    """Its frame_id, by which its publisher is told from others."""
+    """Its frame_id, which identifies its publisher."""
     stamp: int
     """[ns]"""
     names: Sequence[str]
     times: NDArray[np.int64]
-    """Of the points, from the stamp on (points,) [ns]."""
+    """Times of the points after the stamp, (points,) [ns]."""
     lists: Sequence[Sequence[Array]]
-    """Like those of Joints: numbers (points,) for each name, or none at all; NaN where a point has none."""
+    """Like those of JointStates: numbers (points,) for each name, or an empty list; NaN where a point has none."""
 
     @classmethod
     def of(cls, message: JointTrajectory) -> TrajectoryMessage:
-        """What a message says that the middleware has unpacked; each point has a number for each name or none."""
+        """Content of a message that the middleware has unpacked; each point has a number for each name or none."""
         header, points, names = message.header, message.points, message.joint_names
         times = np.array([nanoseconds(point.time_from_start) for point in points], dtype=np.int64)
         lists = []
@@ -72,5 +72,5 @@ class TrajectoryMessage(NamedTuple):
 
 
 def point_lists(point: JointTrajectoryPoint) -> Lists:
-    """The lists of a point of a trajectory, as they stand in a JointState."""
+    """The lists of a trajectory's point, in the order of a JointState."""
     return point.positions, point.velocities, point.effort

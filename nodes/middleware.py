@@ -1,4 +1,4 @@
-"""Middleware: what Fast DDS, by default that of ROS 2, is told: find peers soon, keep no memory of large messages."""
+"""Middleware: settings of Fast DDS, the default of ROS 2, to find peers soon and to free memory of large messages."""
 
 from __future__ import annotations
 
@@ -10,28 +10,27 @@ from hybrid_sysid_ros.runtime.parameters import DECLARATIONS
 
 PROFILES = DECLARATIONS.with_name("fast_dds.xml")
 VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""By which Fast DDS, up to version 2 and from 3 on, is given a file of profiles."""
+"""Environment variables for a file of profiles, of Fast DDS up to version 2 and from 3 on."""
 WHOLE = "RMW_FASTRTPS_USE_QOS_FROM_XML"
-"""By which ROS takes from that file what no quality of service of its own says: how memory is kept."""
+"""Environment variable by which ROS reads settings of memory from that file, which no quality of service has."""
 ALONE = "HYBRID_SYSID_IGNORE_LOCAL"
-"""That variable of the file by which nodes of one process don't hear one another through Fast DDS."""
+"""Variable of the file by which nodes of one process don't communicate through Fast DDS."""
 
 
 def prepare_middleware(*, together: bool = False) -> None:
-    """Give Fast DDS this package's profiles, unless the user gives it a file of his own. Before the first node.
-    together: nodes of this process have an exchange.
+    """Give Fast DDS this package's profiles, unless the user gives it another file. Call it before the first node is
+    made. together: nodes of this process have an exchange.
 
-    Participants announce themselves five times, a tenth of a second apart, then every three seconds; while processes
-    start, announcements get lost, and a node that is there hears of the others three seconds later
-    (https://fast-dds.docs.eprosima.com/en/v2.14.4/fastdds/discovery/simple.html). And each place of a history, of
-    which a recorder has ten thousand, keeps the memory of the largest message that it ever held. Other middlewares
-    don't look.
+    Participants announce themselves five times, a tenth of a second apart, then every three seconds. Announcements get
+    lost while processes start, and a node discovers the others only three seconds later
+    (https://fast-dds.docs.eprosima.com/en/v2.14.4/fastdds/discovery/simple.html). Each place of a history, of which a
+    recorder has ten thousand, keeps the memory of the largest message that it ever had. Other middlewares ignore this.
     """
     if not any(os.environ.get(name) for name in VARIABLES):
         os.environ.update({**dict.fromkeys(VARIABLES, str(PROFILES)), WHOLE: "1", ALONE: str(together).lower()})
 
 
 def leaves_alone() -> bool:
-    """Whether it heeds that variable: it is Fast DDS, with this package's file."""
+    """Whether the variable has an effect: the middleware is Fast DDS with this package's file."""
     ours = any(os.environ.get(name) == str(PROFILES) for name in VARIABLES)
     return ours and "fastrtps" in str(get_rmw_implementation_identifier()) and os.environ.get(ALONE) == "true"

@@ -1,4 +1,4 @@
-"""Parameter query: what parameters the nodes of a rig have, asked of themselves."""
+"""Parameter query: asks the nodes of a rig for their parameters."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from rclpy.task import Future
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.runtime.parameters import parameters
 
-PERIOD = 0.25  # s, between two looks who is there
-PATIENCE = 8  # looks, with an answer: one that is lost, as where a service does not know its client yet, never comes
+PERIOD = 0.25  # s, between two checks which nodes are there
+PATIENCE = 8  # checks that an answer may take; it is lost where a service does not know its client yet
 
 OnParameters = Callable[[str, dict[str, Any]], None]
 
 
 class ParameterQuery:
-    """Asks each of some nodes, as soon as it is there, for all that nodes.yaml declares of it and for its rig, until it
-    has answered once.
+    """Asks each of some nodes, as soon as it is there, for its rig and all its parameters in nodes.yaml, until it has
+    answered once.
     """
 
     def __init__(self, node: RigNode, names: Iterable[str], deliver: OnParameters) -> None:
-        """names: of nodes in the namespace of `node`. heard: gets the name and parameters of each that answers."""
+        """names: nodes in the namespace of `node`. deliver: receives name and parameters of each that answers."""
         self._node, self._deliver = node, deliver
         self._wanted = {name: ["rig", *parameters(node.rig, name)] for name in names}
         self._silent = {name: self._client(name) for name in self._wanted}
         self._asked: dict[str, int] = {}
-        """At which look each was asked last."""
+        """Number of the check at which each node was asked last."""
         self._looks = 0
         self._timer = node.every(PERIOD, self.look)
 
     def look(self) -> None:
-        """Ask who is there."""
+        """Ask the nodes that are there."""
         self._looks += 1
         for name, client in self._silent.items():
             if self._looks - self._asked.get(name, -PATIENCE) >= PATIENCE and client.service_is_ready():
@@ -48,16 +48,16 @@ class ParameterQuery:
         return self._node.create_client(GetParameters, f"{name}/get_parameters")
 
     def close(self) -> None:
-        """Ask nobody any more."""
+        """Stop asking."""
         for client in self._silent.values():
             self._node.destroy_client(client)
         self._silent.clear()
 
     def _answered(self, name: str, answer: Future) -> None:
         values = answer.result().values
-        if name not in self._silent:  # it has answered twice
+        if name not in self._silent:  # this is its second answer
             return
-        if len(values) < len(self._wanted[name]):  # it has not declared them yet: ask again
+        if len(values) < len(self._wanted[name]):  # it has not declared all yet: ask again
             self._asked.pop(name, None)
             return
         self._node.soon(partial(self._node.destroy_client, self._silent.pop(name)))

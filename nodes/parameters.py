@@ -1,4 +1,4 @@
-"""Parameters: what msgs_config describes, declared in ROS with its range, checked at the start and at every change."""
+"""Parameters of msgs_config: declared in ROS with their ranges, checked at the start and at every change."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RIG = NodeParameter(name="rig", default="", description="Rig, by its name or by 
 OF_ROS = ("use_sim_time", "start_type_description_service")
 OF_QUALITY = "qos_overrides."
 TakeParameters = Callable[[Mapping[str, Any], Sequence[str]], None]
-"""Takes checked values by name; and the names of those that are no live parameters, and other than before."""
+"""Receives checked values by name, and the names of changed values that are not live parameters."""
 
 
 def declare(
@@ -33,11 +33,11 @@ def declare(
 ) -> dict[str, Any]:
     """Declare the parameters of a node and return their values by name, "rig" among them.
 
-    The node was created with automatically_declare_parameters_from_overrides; what it was given replaces the defaults,
-    and what is another node's is left to that one, so that a file may be for all. take: see Take. carried: full names
-    of the topics that the node has, by entity. told: an error in a line.
+    The node was created with automatically_declare_parameters_from_overrides: given values replace the defaults, and
+    parameters of other nodes are ignored, so that one file may serve all nodes. take: see TakeParameters. carried: full
+    names of the node's topics by entity. describe: gives an error in a line.
 
-    Raises UserError where a parameter is unknown, of the wrong type, out of range, or against a rule with another one.
+    Raises UserError where a parameter is unknown, of the wrong type, out of range, or violates a rule with another one.
     """
     given = {
         name: parameter.value
@@ -69,13 +69,13 @@ def _change(
     describe: Callable[[Exception], str],
     changes: list[RosParameter],
 ) -> SetParametersResult:
-    """Check all, then take all."""
+    """Check all changes, then accept all."""
     try:
         given = {change.name: known[change.name].checked(change.value) for change in changes if change.name in known}
         check_rules(known, {**values, **given})
         if given:
             take(given, [name for name, value in given.items() if not known[name].live and value != values[name]])
-    except Exception as error:  # whatever it is, the node goes on with what it has
+    except Exception as error:  # after any error the node keeps its values
         return SetParametersResult(successful=False, reason=describe(error))
     return SetParametersResult(successful=True)
 
@@ -89,7 +89,7 @@ def _descriptor(item: NodeParameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=f"{item.description}{unit}", additional_constraints="; ".join(said), read_only=item is RIG
     )
-    descriptor.dynamic_typing = bool(item.each)  # one number stands for all
+    descriptor.dynamic_typing = bool(item.each)  # one number may stand for all
     if item.each or not math.isfinite(item.low):
         return descriptor  # ROS has no range for lists
     if item.kind is float:

@@ -1,4 +1,4 @@
-"""Preview: the reference ahead, out of a trajectory."""
+"""Preview: the future reference from a trajectory."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from hybrid_sysid_ros.support.arrays import Array
 
 
 class Preview:
-    """References (points, outputs) at times (points,) [ns], straight lines between; before the first and after the
-    last, held.
+    """References (points, outputs) at times (points,) [ns], linear between points, and constant before the first and
+    after the last.
     """
 
     def __init__(self, times: NDArray[np.int64], values: Array) -> None:
@@ -30,9 +30,9 @@ class Preview:
         tracked: NDArray[np.bool_],
         now: int,
     ) -> Preview | None:
-        """Preview of a message, 0 for the outputs that are not tracked (outputs,); None where it lacks one that is, or
-        its numbers, times or stamp are not accepted, which its validator counts. now: where one begins that has no
-        stamp [ns].
+        """Preview of a message, with 0 for outputs that are not tracked (outputs,). None where a tracked output is
+        missing, or numbers, times or stamp are rejected, which its validator counts. now: beginning of a message
+        without a stamp [ns].
         """
         rows = outputs.read(message.names, message.lists)
         times = (message.stamp or now) + message.times
@@ -51,7 +51,7 @@ class Preview:
         return cls(times, values) if validator.accepts_start(message.stamp) else None
 
     def within(self, low: Array, high: Array) -> bool:
-        """Hold the values within limits (outputs,) each; whether they were."""
+        """Limit the values to limits, (outputs,) each; return whether they were within."""
         bounded = np.clip(self.values, low, high)
         same = bool((bounded == self.values).all())
         self.values = bounded
@@ -60,14 +60,14 @@ class Preview:
     def at(self, times: NDArray[np.int64]) -> Array:
         """References (times, outputs) at times [ns].
 
-        Worked out in whole nanoseconds, so that two messages that share a point agree to the last bit.
+        They are computed in whole nanoseconds, so that two messages that share a point agree to the last bit.
         """
         if len(self.times) == 1:
             return np.repeat(self.values, len(times), axis=0)
         left = np.searchsorted(self.times[1:-1], times, side="right")
         right = left + 1
         share = (times - self.times[left]) / (self.times[right] - self.times[left])
-        share = np.minimum(np.maximum(share, 0.0), 1.0)[:, None]  # np.clip takes longer
+        share = np.minimum(np.maximum(share, 0.0), 1.0)[:, None]  # np.clip is slower
         return np.asarray((1.0 - share) * self.values[left] + share * self.values[right])
 
     def covers(self, time: int) -> bool:

@@ -1,4 +1,4 @@
-"""Process: how nodes run: one loop, another thread for what may take its time, and a clean end."""
+"""Process: nodes run in one loop, with other threads for slow callbacks, and end cleanly."""
 
 from __future__ import annotations
 
@@ -26,37 +26,36 @@ from hybrid_sysid_ros.support.errors import UserError
 if TYPE_CHECKING:
     from hybrid_sysid_ros.nodes.base import RigNode
 
-SWITCH_INTERVAL = 2e-4  # s, that another thread may keep the loop from going on
-PATIENCE = 2.0  # s, of an interrupt with a node that starts
-LAST_PATIENCE = 10.0  # s, with threads at the end
+SWITCH_INTERVAL = 2e-4  # s, for which another thread may delay the loop
+PATIENCE = 2.0  # s, until an interrupt cuts a node's start
+LAST_PATIENCE = 10.0  # s, to wait for threads at the end
 LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4  # of mlockall, on Linux
 
 
 def announce(word: str) -> None:
-    """Tell whoever started this process how far it is, in a line on its standard output."""
+    """Print a word for the process that started this one, in a line on the standard output."""
     print(word, flush=True)
 
 
 def run(make: Callable[[], RigNode | Sequence[RigNode]], *, together: bool = False) -> int:
-    """Run a node, or several in one loop, until one is finished or a signal that ends it comes, once or more often;
-    return the exit status.
+    """Run a node, or several in one loop, until one is finished or a signal ends it; return the exit status.
 
-    together: messages between them go by an exchange, and the middleware leaves them alone.
+    together: messages between the nodes use an exchange and not the middleware.
 
-    0: ended as it should; 2: a parameter, file or argument is wrong, told in one line.
+    0: it ended without an error; 2: a parameter, file or argument is wrong, reported in one line.
     """
     ending = Interruption()
     sys.setswitchinterval(SWITCH_INTERVAL)
     # A client that went while it was answered, or asks again: nothing that a user could mend.
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
-    gc.freeze()  # what was imported stays: no collection looks at it again
+    gc.freeze()  # imported objects stay, so no collection examines them again
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
         middleware.prepare_middleware(together=together)
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
+        except RuntimeError as error:  # rclpy's error for wrong arguments and parameter files
             raise UserError(" ".join(str(error).split())) from error
         try:
             made = make()
@@ -75,7 +74,7 @@ def run(make: Callable[[], RigNode | Sequence[RigNode]], *, together: bool = Fal
 
 
 def _end_with_starter() -> None:
-    """End when the standard input does: whoever started this process is gone, however that went."""
+    """End when the standard input closes, since then the process that started this one has ended."""
     while os.read(0, 1024):  # not through sys.stdin, whose lock a thread may hold when Python ends
         pass
     os.kill(os.getpid(), signal.SIGTERM)
@@ -95,11 +94,11 @@ def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
         server.start()
     _prioritise(nodes)
     gc.collect()
-    gc.freeze()  # what is there stays: collections in the loop look at nothing but what it makes
+    gc.freeze()  # existing objects stay, so collections examine only objects of the loop
     ending.then(nodes[0].finish)
     announce("ready")
     try:
-        # Not spin_until_future_complete, by which the future keeps a function of every turn: 260 bytes each.
+        # Not spin_until_future_complete: its future keeps a function of every turn, 260 bytes each.
         while executor.context.ok() and not ended(nodes):
             executor.turn()
     finally:
@@ -107,11 +106,11 @@ def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
             for node in nodes:
                 node.thread = None
             _close(nodes)
-        finally:  # a thread that is left behind would end the process by SIGABRT
+        finally:  # a remaining thread would end the process by SIGABRT
             for node in nodes:
                 node.finish()
             for server, item in zip(servers, services, strict=True):
-                server.join(LAST_PATIENCE)  # one that compiles is not waited for any longer
+                server.join(LAST_PATIENCE)  # a thread that compiles may take longer
                 if not server.is_alive():
                     item.shutdown()
             executor.shutdown()
@@ -120,7 +119,7 @@ def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
 
 
 def _close(nodes: Sequence[RigNode]) -> None:
-    """Close all nodes, whatever one of them has to complain about. Raises the first UserError."""
+    """Close all nodes, even if one of them fails. Raises the first UserError."""
     troubles: list[UserError] = []
     for node in nodes:
         try:
@@ -132,8 +131,8 @@ def _close(nodes: Sequence[RigNode]) -> None:
 
 
 def _prioritise(nodes: Sequence[RigNode]) -> None:
-    """Let all threads of this process go before those of others and keep what they have touched in memory, if a node
-    has a priority and may.
+    """Give all threads of this process real-time priority and keep its pages in memory, if a node has a priority and
+    the system permits it.
     """
     priority = max(node.settings["priority"] for node in nodes)
     if not priority:
@@ -151,9 +150,9 @@ def _prioritise(nodes: Sequence[RigNode]) -> None:
 
 
 def _keep_in_memory() -> None:
-    """Keep every page of this process in memory from when it is first touched on: code that runs twice a second would
-    be read from the disk again, which the loop waits for, where the system takes pages back that rest. Raises OSError
-    where that is not permitted.
+    """Keep every page of this process in memory after its first use. Otherwise the system may evict idle pages, and the
+    loop would wait while code that runs twice a second is read from the disk again. Raises OSError where that is not
+    permitted.
     """
     library = ctypes.CDLL(None, use_errno=True)
     if library.mlockall(LOCK_CURRENT | LOCK_FUTURE | LOCK_ON_FAULT):
@@ -165,20 +164,20 @@ def peak_memory() -> float:
     """Largest resident memory of this process so far [MB]. The kernel counts it in 1024 bytes."""
     try:
         with open("/proc/self/status", encoding="ascii") as status:
-            # Not ru_maxrss, which a process inherits from the one that started it.
+            # Not ru_maxrss, which a process inherits from its parent.
             return next(float(line.split()[1]) for line in status if line.startswith("VmHWM")) * 1.024e-3
     except (OSError, StopIteration):  # no Linux
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1.024e-3)
 
 
 class Interruption:
-    """The signals that end a process, however often they come: a call of an action, as soon as there is one.
+    """Signals that end a process: the first one calls an action, as soon as there is one.
 
-    A start that takes long, as it does where code is compiled, ends by KeyboardInterrupt after PATIENCE; a short one is
-    not cut, for a recorder has a bag and a thread to close.
+    A long start, such as one that compiles, ends by KeyboardInterrupt after PATIENCE. A short one is not cut, since a
+    recorder has a bag and a thread to close.
 
-    Python runs its handlers between two of its own instructions, which may be long after the signal for a thread that
-    waits in the middleware. So the signals' numbers also come through a socket, to a thread that waits for them.
+    Python runs its handlers between two of its instructions, which may be long after the signal if a thread waits in
+    the middleware. So the signals' numbers also come through a socket, to a thread that waits for them.
     """
 
     def __init__(self) -> None:
@@ -191,7 +190,7 @@ class Interruption:
         interruption.repeat_unheard()
 
     def then(self, action: Callable[[], object]) -> None:
-        """Call `action`, from another thread, at the first signal, or now if it came before; others do nothing."""
+        """Call `action` from another thread at the first signal, or now if it came before; later signals do nothing."""
 
         def wait() -> None:
             self._ours.recv(1)

@@ -1,4 +1,4 @@
-"""Recorder: writes topics as they come into a bag, as `ros2 bag record` would, without rosbag2."""
+"""Recorder: writes topics into a bag, as `ros2 bag record` would, without rosbag2."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.runtime.run_provenance import folders, parameter_attachment
 from hybrid_sysid_ros.support.errors import UserError
 
-DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
-NICENESS = 10  # of the process
+DEPTH = 10_000  # messages that wait for the recorder, which has a lower priority than the loop
+NICENESS = 10  # niceness of the process
 SEARCH_PERIOD = 0.5  # s
-FLUSH_PERIOD = 0.25  # s, between two times that all is on the disk which came before the last two
-QUEUE_BYTES = 1 << 26  # of messages that wait for the disk; what is over is lost
-SLOW = 0.2  # s, that the disk takes for one block, from which on it is called slow
-PATIENCE = 10.0  # s, with the disk at the end
+FLUSH_PERIOD = 0.25  # s, between two flushes to the disk
+QUEUE_BYTES = 1 << 26  # bytes of messages that wait for the disk; more are lost
+SLOW = 0.2  # s, for one block, above which the disk counts as slow
+PATIENCE = 10.0  # s, to wait for the disk at the end
 ASKED = ("plant", "reference", "estimator", "controller")  # nodes whose parameters the bag keeps
 
 
@@ -47,21 +47,21 @@ class Entry(NamedTuple):
     """A message that waits for the disk."""
 
     logged: int
-    """When it came [ns]."""
+    """Time of arrival [ns]."""
     published: int
-    """When it was sent, as the middleware says [ns]."""
+    """Time of sending, from the middleware [ns]."""
     topic: str
     type: str
     data: bytes
 
 
 class RecorderNode(RigNode):
-    """Takes serialised messages and the time they came, and hands them to a thread that writes.
+    """Receives serialised messages with their times of arrival, and hands them to a thread that writes them.
 
-    The middleware notes the time when a message comes; the recorder itself gives way to the loop. The bag grows under
-    its name, and is on the disk but for the last second. When the disk fails later on, the loop is not left without
-    its experiment: what comes waits in memory until the disk answers again, and what finds no room there is lost. At
-    the end the bag is closed as well as may be, and the node ends with an error if something is missing in it.
+    The middleware notes the time of arrival, since the recorder has a lower priority than the loop. The bag grows under
+    its name, and all but the last second is on the disk. When the disk fails, messages wait in memory until it answers
+    again, and messages beyond the memory are lost. At the end the bag is closed if possible, and the node ends with an
+    error if something is missing in it.
 
     Messages of several topics come out of order, more so where this process has to wait. They lie in the bag in the
     order in which the middleware got them: now and then all that it has is taken, and what came before the last time
@@ -83,19 +83,19 @@ class RecorderNode(RigNode):
         self.received: dict[str, int] = {}
         self.waiting: deque[Entry] = deque()
         self.held: list[Entry] = []
-        """In the order in which they came; others may still come before them."""
+        """Messages in the order of their arrival; earlier ones may still come."""
         self.drained = self.settled = 0
-        """When all that the middleware had was taken for the last time, and the time before [ns]: nothing is missing
-        that came before that.
+        """Times at which all messages of the middleware were taken, the last and the one before [ns]: all messages
+        before the latter are here.
         """
         self.qualities: dict[str, list[QualityOfService]] = {}
-        """How each topic was offered when its first message came."""
+        """Quality of service of each topic's publishers at its first message."""
         self.attachments: deque[tuple[str, bytes]] = deque()
-        """What the bag is still to keep beside the messages."""
+        """Attachments that are still to be written."""
         self.ended = Event()
-        self.queued = self.unqueued = 0  # bytes; each is counted by one thread
-        self.lost = 0  # to a queue that is full
-        self.busy_since = 0.0  # s, when the disk got what it has not answered yet
+        self.queued = self.unqueued = 0  # bytes; one thread counts each
+        self.lost = 0  # messages for which the queue was full
+        self.busy_since = 0.0  # s, when the write began that has not ended yet
         self.trouble: Exception | None = None
         self.searched: set[str] = set()
         known = {self.resolve_topic_name(topic): topic for topic in topics.TYPES}
@@ -125,7 +125,7 @@ class RecorderNode(RigNode):
         self.subscribe(message_type, name, quality, partial(self.keep, name, kind))
 
     def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
-        """Put a message of a topic into the queue, if there is room."""
+        """Queue a message of a topic, if there is room."""
         self.received[name] += 1
         if name not in self.qualities:
             self.qualities[name] = topics.qualities_of(self.get_publishers_info_by_topic(name))
@@ -137,22 +137,22 @@ class RecorderNode(RigNode):
         self.waiting.append(Entry(logged, information["source_timestamp"], name, kind, data))
 
     def drain(self) -> None:
-        """Take all that the middleware has."""
+        """Take all messages of the middleware."""
         started = time.time_ns()
         for listener in list(self._listeners):
             listener.drain()
         self.drained, self.settled = started, self.drained
 
     def learn(self, name: str, values: Mapping[str, Any]) -> None:
-        """Keep what a node has read."""
+        """Attach a node's parameters and folders."""
         self.attachments.extend(parameter_attachment(name, values).items())
         try:
             self.attachments.extend(collected(folders(name, values)).items())
         except UserError as error:
-            self.get_logger().warning(f"the bag does not keep all that the {name} has read: {error}")
+            self.get_logger().warning(f"the bag lacks part of what the {name} has read: {error}")
 
     def search(self) -> None:
-        """Take the topics that have a publisher by now, of whatever type, with the publisher's quality."""
+        """Subscribe to the topics that have a publisher, with its type and quality of service."""
         for name in sorted(self.searched):
             publishers = self.get_publishers_info_by_topic(name)
             if not publishers:
@@ -169,8 +169,8 @@ class RecorderNode(RigNode):
             self.record(name, message_type, quality)
 
     def write(self) -> None:
-        """Write what waits, again and again, until the end; runs in a thread of its own."""
-        os.nice(NICENESS)  # of this thread, which was there before the process got it
+        """Write waiting messages until the end; runs in a thread of its own."""
+        os.nice(NICENESS)  # for this thread, which began before the process had it
         try:
             with self.recording:
                 while self.write_waiting(last=self.ended.wait(FLUSH_PERIOD)):
@@ -180,7 +180,7 @@ class RecorderNode(RigNode):
             self.finish()
 
     def write_waiting(self, *, last: bool) -> bool:
-        """Put on the disk what waits; whether there will be more. Raises OSError where it can't begin, or not end."""
+        """Write waiting messages to the disk; return whether there will be more. Raises OSError where that fails."""
         self.busy_since = time.monotonic()
         try:
             if self.trouble is None or last:
@@ -195,8 +195,8 @@ class RecorderNode(RigNode):
         return not last
 
     def write_due(self, *, last: bool) -> None:
-        """Write what nothing can come before any more; all at last, and while half of the memory is taken: out of order
-        is better than lost.
+        """Write messages that no earlier one can precede any more. Write all at the end, and while half of the memory
+        is used, since a wrong order is better than a loss.
         """
         settled, full = self.settled, 2 * (self.queued - self.unqueued) > QUEUE_BYTES
         for _ in range(len(self.waiting)):
@@ -228,7 +228,7 @@ class RecorderNode(RigNode):
         self.get_logger().info(f"{self.recording.path}: {self.recording.kept} messages")
 
     def failing(self) -> str:
-        """What the disk does not do, in a line."""
+        """The failure of the disk, in a line."""
         path, reason = self.recording.path, getattr(self.trouble, "strerror", None) or str(self.trouble)
         return reason if str(path) in reason else f"{path}: cannot be written ({reason})"
 
@@ -262,7 +262,7 @@ class RecorderNode(RigNode):
 
 
 def make() -> RecorderNode:
-    """Make the node, and let it give way: not the middleware's threads, which are there by then and note the times."""
+    """Make the node and lower its priority, but not that of the middleware's threads, which note the times."""
     node = RecorderNode()
     os.nice(NICENESS)
     return node

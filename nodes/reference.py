@@ -1,4 +1,4 @@
-"""Reference: publishes what the outputs are to follow, as far as it lies ahead."""
+"""Reference: publishes previews of the outputs' references."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from hybrid_sysid_ros.runtime.references import signal_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-CHOOSING = {"kind", "amplitude", "frequency", "hold", "seed"}  # parameters that a reference is made of
+CHOOSING = {"kind", "amplitude", "frequency", "hold", "seed"}  # parameters of a reference
 
 
 class Choice:
-    """What the parameters ask for."""
+    """The reference that the parameters choose."""
 
     def __init__(self, settings: Mapping[str, Any], rig: Rig) -> None:
-        """Raises UserError where there is no such kind, or it has no room."""
+        """Raises UserError for an unknown kind, and for a multisine without room between its frequencies."""
         self.kind: str = settings["kind"] or rig.reference
         self.signal = signal_of(self.kind, settings, rig)
         schedule = rig.references.get(self.kind)
@@ -43,7 +43,7 @@ class Choice:
 
 
 class SetPoint:
-    """What somebody asks for by the topic set_point; the last point is held."""
+    """A reference from the topic set_point, whose last point is held."""
 
     kind = "set_point"
     duration = 0
@@ -53,18 +53,18 @@ class SetPoint:
         self.preview, self.zero, self.scales = preview, zero, scales
 
     def signal(self, seconds: ArrayLike) -> Array:
-        """As of any reference: the outputs as they are shown."""
+        """The outputs in display units at times, as any reference gives them."""
         times = self.zero + np.round(np.asarray(seconds) * SECOND).astype(np.int64)
         return self.preview.at(times) / self.scales
 
 
 class ReferenceNode(RigNode):
-    """Publishes previews of the outputs that the rig's controller tracks: of a reference by its kind, or, from when one
-    comes, of a set-point, a trajectory of the same joints, until a kind is set. Such a one begins when it comes, where
-    it has no stamp; so there is one publisher of references, whoever asks.
+    """Publishes previews of the outputs that the rig's controller tracks, so that references have one publisher. They
+    come from a reference by its kind, or from a set-point, a trajectory of the same joints, after it has come and until
+    a kind is set. A set-point without a stamp begins when it comes.
 
-    Time 0 of the reference is the stamp of the first measurement that the node sees. Message i begins at i publish
-    periods, so that all points of all messages lie on one grid.
+    Time 0 of the reference is the stamp of the first measurement. Message i begins at i publish periods, so that all
+    points of all messages are on one grid.
     """
 
     NAME = "reference"
@@ -91,7 +91,7 @@ class ReferenceNode(RigNode):
         self.measured = Slots([*layout.outputs, *layout.inputs])
 
     def choose(self, choice: Choice) -> None:
-        """Begin anew with a reference."""
+        """Begin with another reference."""
         self.choice: Choice | SetPoint = choice
         self.zero = self.sent = 0
 
@@ -120,7 +120,7 @@ class ReferenceNode(RigNode):
             self.every(self.settings["publish_period"], self.tick)
 
     def on_measurement(self, joints: JointStates) -> None:
-        """Begin with the first measurement; in lockstep follow their stamps."""
+        """Begin with the first measurement; in lockstep follow the stamps."""
         if self.zero and not self.settings["lockstep"]:
             return
         self.measured.read(joints.names, joints.lists)
@@ -131,12 +131,12 @@ class ReferenceNode(RigNode):
         if not self.zero:
             self.begin(stamp)
             announce("begun")
-        if order is StampOrder.DUPLICATE:  # nobody answered it: maybe for want of a reference
+        if order is StampOrder.DUPLICATE:  # it was not answered, maybe because a reference is missing
             self.previews.publish(self.preview)
         self.advance(stamp - self.zero)
 
     def on_set_point(self, message: TrajectoryMessage) -> None:
-        """Follow it from now on, and say so at once."""
+        """Follow a set-point from now on, and publish at once."""
         if not self.zero or not self.wishes.accepts_source(message.source):
             return
         elapsed = self.entry.stamp - self.zero if self.settings["lockstep"] else self.timeline.elapsed()
@@ -148,21 +148,21 @@ class ReferenceNode(RigNode):
             self.publish(elapsed // self.spacing * self.spacing)
 
     def begin(self, stamp: int) -> None:
-        """Let time 0 be the one of a stamp [ns]."""
+        """Set time 0 to a stamp [ns]."""
         self.zero = stamp
         self.timeline.begin(stamp)
 
     def tick(self) -> None:
-        """In real time go on with it, and let the stamps follow the clock."""
+        """Advance in real time, with stamps that follow the clock."""
         if not self.zero:
             return
-        self.measurements.close()  # they have told the time, and would only cost time from now on
+        self.measurements.close()  # they have set the time and are not needed any more
         elapsed = self.timeline.follow()
         self.zero = self.timeline.start
         self.advance(elapsed)
 
     def advance(self, elapsed: int) -> None:
-        """Publish if a message is due so long after the start [ns]; end when the reference has ended."""
+        """Publish if a message is due ``elapsed`` after the start [ns]; end when the reference has ended."""
         if self.choice.duration and elapsed >= self.choice.duration and not self.settings["stay"]:
             self.finish()
             return
@@ -179,7 +179,7 @@ class ReferenceNode(RigNode):
         self.previews.publish(self.preview)
 
     def close(self) -> None:
-        """Tell that it is over."""
+        """Log and announce the end of the reference."""
         ending = self.configured and not self.settings["stay"]
         if ending and self.choice.duration and self.sent * self.period >= self.choice.duration:
             self.get_logger().info(f"done after {self.choice.duration / SECOND:g} s")

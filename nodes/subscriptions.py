@@ -1,4 +1,4 @@
-"""Subscriptions: what a node hears of a topic, from whoever publishes it, and with whom nothing passes."""
+"""Subscriptions to topics of any publisher, and peers with incompatible quality of service."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hybrid_sysid_ros.nodes.exchange import Exchange
 from hybrid_sysid_ros.nodes.topics import OVERRIDES
 
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
-"""What ROS calls the node of an endpoint that has none."""
+"""ROS's name for the node of an endpoint without a node."""
 
 
 def name_of(peer: TopicEndpointInfo) -> str:
@@ -29,7 +29,7 @@ def name_of(peer: TopicEndpointInfo) -> str:
 
 
 def unmatched(topic: str, quality: QoSProfile, peers: Iterable[TopicEndpointInfo]) -> list[str]:
-    """Those peers of an endpoint with this quality of service between whom and it nothing passes, and why."""
+    """A line for each peer that is incompatible with an endpoint of this quality of service, with the reason."""
     found = []
     for peer in peers:
         subscribes = peer.endpoint_type == TopicEndpointTypeEnum.SUBSCRIPTION
@@ -42,8 +42,8 @@ def unmatched(topic: str, quality: QoSProfile, peers: Iterable[TopicEndpointInfo
 
 
 class Listener:
-    """A subscription of serialised messages. Where a publisher offers no more than best effort, as drivers of sensors
-    do, the topic is heard so from then on: both kinds are heard then, and what is lost is not repeated.
+    """A subscription of serialised messages. Where a publisher offers only best effort, as drivers of sensors do, the
+    subscription changes to best effort, which accepts both kinds of publishers and does not repeat lost messages.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Listener:
         *,
         soon: Callable[[Callable[[], None]], object],
     ) -> None:
-        """kind: of the messages; topic: its name, for rclpy to resolve; soon: calls something outside of callbacks."""
+        """kind: type of the messages; topic: its name, which rclpy resolves; soon: runs an action outside callbacks."""
         self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
         self._name = node.resolve_topic_name(topic)
         self._refused = False
@@ -65,13 +65,13 @@ class Listener:
         self._subscription: Subscription | None = self._subscribed(quality, OVERRIDES)
 
     def share(self, exchange: Exchange) -> None:
-        """Hear those of this process through an exchange, too."""
+        """Also receive messages of this process through an exchange."""
         if self._subscription is not None:
             self._exchange = exchange
             exchange.subscribe(self._name, self._callback)
 
     def drain(self) -> None:
-        """Hear all that waits for its turn."""
+        """Handle all waiting messages."""
         subscription = self._subscription
         if subscription is not None:
             with subscription.handle:
@@ -79,7 +79,7 @@ class Listener:
                     self._callback(*taken)
 
     def publishers(self) -> int:
-        """How many there are whose messages come here."""
+        """Number of publishers whose messages come here."""
         near = self._exchange.publishers(self._name) if self._exchange is not None else 0
         return near + (self._subscription.get_publisher_count() if self._subscription is not None else 0)
 
@@ -94,7 +94,7 @@ class Listener:
         return list(self._node.get_publishers_info_by_topic(self._name))
 
     def make_do(self, policy: QoSPolicyKind) -> None:
-        """Ask for no more than best effort, where that is what a publisher offers; policy: what it was refused for."""
+        """Request only best effort, where a publisher offers no more; policy: the incompatible policy."""
         self._refused = True
         offers = [peer for peer in self._publishers() if peer.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT]
         if self._subscription is None or self._is_best_effort(self._subscription):
@@ -102,7 +102,7 @@ class Listener:
         if not offers and policy != QoSPolicyKind.RELIABILITY:
             return
         who = ", ".join(map(name_of, offers)) or "a publisher"
-        self._node.get_logger().warning(f"{self._name}: {who} offers best effort: heard so from now on")
+        self._node.get_logger().warning(f"{self._name}: {who} offers best effort, which is used from now on")
         quality = self._subscription.qos_profile
         self._unsubscribe()
         quality.reliability = ReliabilityPolicy.BEST_EFFORT
@@ -114,7 +114,7 @@ class Listener:
         return bool(subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT)
 
     def close(self) -> None:
-        """Hear nothing any more."""
+        """Close the subscription."""
         if self._exchange is not None:
             self._exchange.leave(self._name, self._callback)
             self._exchange = None
@@ -145,7 +145,7 @@ DEPTH = 1000  # messages that wait; older ones are lost
 
 
 class Uncalled(CallbackGroup):
-    """Of what no executor waits for."""
+    """Callback group of entities that no executor serves."""
 
     def can_execute(self, entity: Any) -> bool:
         return False
@@ -158,12 +158,12 @@ class Uncalled(CallbackGroup):
 
 
 class Collector:
-    """A subscription of serialised messages, best effort: a publisher waits for no answer of it, and both kinds of
-    publishers are heard.
+    """A best-effort subscription of serialised messages: publishers do not wait for it, and it accepts both kinds of
+    publishers.
     """
 
     def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
-        """kind: of the messages; topic: its name, for rclpy to resolve."""
+        """kind: type of the messages; topic: its name, which rclpy resolves."""
         quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._node, self._kind = node, kind
         self._subscription = node.create_subscription(
@@ -171,7 +171,7 @@ class Collector:
         )
 
     def fetch(self) -> Iterator[tuple[bytes, int]]:
-        """What has come since the last time: each message, and when it was published [ns, system time]."""
+        """Messages since the last call, each with its time of publishing [ns, system time]."""
         handle = self._subscription.handle
         with handle:
             for _ in range(DEPTH):
@@ -182,5 +182,5 @@ class Collector:
                 yield data, information["source_timestamp"] or information["received_timestamp"]
 
     def close(self) -> None:
-        """Hear nothing any more."""
+        """Close the subscription."""
         self._node.destroy_subscription(self._subscription)

@@ -10,20 +10,20 @@ from time import monotonic_ns
 import numpy as np
 
 SET = 20_000_000
-"""A clock that is off by more was set [ns]: stamps follow it at once."""
+"""Error of a clock above which it was set [ns]: then stamps follow it at once."""
 DRIFT = 1_000_000
-"""A clock that is off by less is right [ns], so that stamps are equally far apart."""
+"""Error of a clock below which stamps ignore it [ns], so that they are equidistant."""
 SLEW = 20_000
-"""By how much stamps follow a clock that drifts, at each look [ns]."""
+"""Correction of stamps at each reading of a clock that drifts [ns]."""
 
 
 class Timeline:
-    """Time that no clock can set, with the stamps of a clock that somebody can."""
+    """Steady time, with the stamps of a clock that may be set."""
 
     def __init__(self, clock: Callable[[], int], steady: Callable[[], int] = monotonic_ns) -> None:
-        """clock: that of the stamps; steady: of everything else; both [ns]."""
+        """clock: the clock of the stamps; steady: the clock of everything else; both [ns]."""
         self.sets = 0
-        """How often the clock was set."""
+        """Number of times that the clock was set."""
         self._clock, self._steady = clock, steady
         self.begin(clock())
 
@@ -38,7 +38,7 @@ class Timeline:
         return self._steady() - self._zero
 
     def follow(self) -> int:
-        """Let the stamps follow the clock; returns the time since the start [ns]."""
+        """Let the stamps follow the clock; return the time since the start [ns]."""
         elapsed = self.elapsed()
         error = self._clock() - self.start - elapsed
         if abs(error) > SET:
@@ -55,7 +55,7 @@ DECADES = 8
 
 
 class Histogram:
-    """Durations from 1 us to 100 s. All memory is allocated at once; adding one takes a quarter of a microsecond."""
+    """Counts durations from 1 us to 100 s. Memory is allocated once; adding one takes a quarter of a microsecond."""
 
     def __init__(self) -> None:
         self._counts = array("q", bytes(8 * DECADES * PER_DECADE))
@@ -93,7 +93,7 @@ class Timing:
         self.total.add(duration)
 
     def report(self, name: str) -> dict[str, float]:
-        """Milliseconds by key: p50, p99 and max of the whole run, and of the window, which begins anew."""
+        """Milliseconds by key: p50, p99 and max of the whole run and of the window, which is then reset."""
         found = {}
         for part, histogram in (("", self.total), ("_window", self.window)):
             found[f"{name}_ms{part}_p50"] = 1e3 * histogram.percentile(50)

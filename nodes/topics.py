@@ -1,4 +1,4 @@
-"""Topics: the message type of each topic of a rig, and the QoS profile that the configuration gives it."""
+"""Topics: the message type of each topic of a rig, and its QoS profile from the configuration."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ OWN: Mapping[str, Any] = {
     "/parameter_events": ParameterEvent,
 }
 UNRECORDED = ("effort_command", "motion")
-"""What joint_command has too, and what is read by a simulated camera alone."""
+"""Topics that repeat joint_command, or that only a simulated camera reads."""
 
 OVERRIDDEN: Mapping[str, tuple[str, ...]] = {
     "reliability": ("reliable", "best_effort"),
     "durability": ("volatile", "transient_local"),
     "depth": (),
 }
-"""What a user may say of a topic's quality by the parameters qos_overrides.TOPIC.ENTITY.POLICY."""
+"""Policies of a topic that a user may set by the parameters qos_overrides.TOPIC.ENTITY.POLICY."""
 OVERRIDES = QoSOverridingOptions([QoSPolicyKind[name.upper()] for name in OVERRIDDEN])
 LONGEST = 100_000  # messages that a topic may keep
 ENTITIES = ("publisher", "subscription")
@@ -58,16 +58,16 @@ class FurtherTopic:
     """A topic that an extension declares."""
 
     type: str
-    """As sensor_msgs/msg/JointState."""
+    """Message type, such as sensor_msgs/msg/JointState."""
     largest: int = LARGEST
-    """Bytes of a message."""
+    """Most bytes of a message."""
     recorded: bool = True
-    """Whether a recorder takes it that is not told which topics."""
+    """Whether a recorder without a list of topics records it."""
 
 
 def _further() -> Iterator[tuple[str, FurtherTopic, Any]]:
-    """Name, declaration and message class of the topics of the extensions; one that is not told as it should be, or
-    whose message is not installed, is left out.
+    """Name, declaration and message class of the extensions' topics. One that is declared wrongly, or whose message is
+    not installed, is left out.
     """
     for path in read_declarations()[0][1:]:
         topics = read_mapping(path).get("topics") or {}
@@ -101,15 +101,15 @@ class MessageTypes(dict[str, Any]):
 
 FURTHER = tuple(_further())
 TYPES: Mapping[str, Any] = MessageTypes({**OWN, **{name: kind for name, _, kind in FURTHER}})
-"""Of all topics."""
+"""Message classes of all topics."""
 LARGEST_OF: Mapping[str, int] = {name: topic.largest for name, topic, _ in FURTHER}
 RECORDED = (*(name for name in OWN if name not in UNRECORDED), *(name for name, topic, _ in FURTHER if topic.recorded))
 
 
 def check_override(name: str, value: Any, carried: Mapping[str, Collection[str]]) -> None:
-    """Raise UserError where a parameter qos_overrides.TOPIC.ENTITY.POLICY says what can't be.
+    """Raise UserError for a wrong parameter qos_overrides.TOPIC.ENTITY.POLICY.
 
-    carried: full names of the topics that the node has, by entity.
+    carried: full names of the node's topics by entity.
     """
     topic, entity, policy = (*name.removeprefix("qos_overrides.").rsplit(".", 2), "", "")[:3]
     if entity not in ENTITIES or policy not in OVERRIDDEN:
@@ -129,10 +129,9 @@ def check_override(name: str, value: Any, carried: Mapping[str, Collection[str]]
 
 @cache
 def qualities(*files: Path) -> dict[str, dict[str, Any]]:
-    """How each topic is carried: settings of its QoS profile, by its name as in msgs_config/nodes.yaml and the files of
-    the extensions.
+    """Settings of each topic's QoS profile by its name, from msgs_config/nodes.yaml and the extensions' files.
 
-    Raises UserError where a class is not described as it should be, or names a topic that another has.
+    Raises UserError where a class is declared wrongly, or names a topic of another class.
     """
     found: dict[str, dict[str, Any]] = {}
     classes = [(path, section(read_mapping(path), "qos", str(path))) for path in files or read_declarations()[0]]
@@ -158,7 +157,7 @@ def profile(topic: str, *, depth: int | None = None) -> QoSProfile:
 
 
 def qualities_of(publishers: Iterable[Any]) -> list[QualityOfService]:
-    """How publishers, as rclpy tells of them, offer a topic."""
+    """Qualities of service of publishers, from rclpy's information."""
     profiles = [publisher.qos_profile for publisher in publishers]
     return [
         QualityOfService(
@@ -172,7 +171,7 @@ def qualities_of(publishers: Iterable[Any]) -> list[QualityOfService]:
 
 
 def profile_of(qualities: Sequence[QualityOfService]) -> QoSProfile:
-    """How to offer a topic again that was offered so; as ROS does of itself where publishers differed, or unknown."""
+    """A profile to publish a topic again; the default of ROS where its publishers differed or are unknown."""
     chosen = qualities[0] if len(set(qualities)) == 1 else QualityOfService()
     policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
     reported = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}

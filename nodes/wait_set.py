@@ -1,4 +1,4 @@
-"""Wait set: what an executor waits for, kept from one turn to the next."""
+"""Wait set: the entities for which an executor waits, kept from one turn to the next."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.waitable import NumberOfEntities
 
-KINDS = {  # of entities, as the middleware's wait set calls them, and as a node does, in the order of their calls
+KINDS = {  # kinds of entities by the middleware's and the node's names, in the order of their calls
     "timer": "timers",
     "subscription": "subscriptions",
     "guard_condition": "guards",
@@ -20,20 +20,20 @@ KINDS = {  # of entities, as the middleware's wait set calls them, and as a node
     "service": "services",
 }
 ReadyEntities = list[tuple[str, Any]]
-"""What is ready: kinds, "waitable" for what holds several, and entities."""
+"""Ready entities with their kinds; the kind of one that contains several is "waitable"."""
 
 
 class WaitSet:
-    """Entities of nodes. Their handles are held until this closes: what is destroyed meanwhile goes then.
+    """Entities of nodes. Their handles are held until this closes; entities that are destroyed meanwhile go then.
 
-    rclpy gathers the entities, holds them and makes a wait set at each turn: 80 us for a node, 240 us for the four of
-    a loop in one process, which at 500 Hz is an eighth of the time.
+    rclpy collects and holds the entities and makes a wait set at each turn: 80 us for a node, 240 us for the four of a
+    loop in one process, which at 500 Hz is an eighth of the time.
     """
 
     def __init__(
         self, nodes: Iterable[Node], wanted: Callable[[Any], bool], guards: Sequence[GuardCondition], context: Context
     ) -> None:
-        """nodes: whose entities, if they are wanted; guards: to wait for beside."""
+        """nodes: nodes with the entities; wanted: which entities to wait for; guards: further guard conditions."""
         nodes = list(nodes)
         with ExitStack() as stack:
             stack.enter_context(context.handle)
@@ -72,10 +72,10 @@ class WaitSet:
             self._stack = stack.pop_all()
 
     def wait(self, timeout: int) -> ReadyEntities:
-        """What is ready, timeout [ns] from now at the latest; below 0: whenever. Raises InvalidHandle if what holds
-        several is destroyed.
+        """Ready entities, after at most ``timeout`` [ns]; below 0 without limit. Raises InvalidHandle if a waitable is
+        destroyed.
         """
-        self._set.clear_entities()  # the middleware strikes out what is not ready
+        self._set.clear_entities()  # the middleware removes entities that are not ready
         for add, handle in self._additions:
             add(handle)
         for item in self._waitables:
@@ -88,7 +88,7 @@ class WaitSet:
         return ready
 
     def close(self) -> None:
-        """Let go of all."""
+        """Release all handles."""
         self._stack.close()
 
 
