@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ pytest.importorskip("launch_ros", reason="needs ROS's launch, which no wheel bri
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.run import Run
+from hybrid_sysid_ros.support.errors import UserError, UserErrors
 
 RIG = load("cam_beam")
 LaunchContext = pytest.importorskip("launch").LaunchContext  # the folder of that name is no package
@@ -43,9 +45,12 @@ def executables(launch_file: Any, **asked: str) -> list[str]:
 
 @pytest.mark.parametrize("more", [{}, {"lockstep": "true"}, {"bag": "bag"}])
 def test_a_loop_by_the_launch_file_is_that_of_a_run(launch_file: Any, more: dict[str, str]) -> None:
+    """But that it goes on at the end of the reference."""
     launched = launch_file.parameters(given(launch_file, **more))
     asked: dict[str, Any] = {name: value == "true" if name != "bag" else value for name, value in more.items()}
-    same(launched, Run(priority=0, **asked).values)
+    same(launched, Run(parameters={"reference": {"stay": True}}, **asked).values)
+    launched = launch_file.parameters(given(launch_file, duration="3", priority="20", **more))
+    same(launched, Run(duration=3.0, priority=20, **asked).values)
 
 
 def same(launched: Any, run: Any) -> None:
@@ -53,7 +58,7 @@ def same(launched: Any, run: Any) -> None:
     assert launched.keys() == run.keys()
     for node in launched.keys() - {"recorder"}:
         defaults = configuration.defaults("cam_beam", node)
-        wanted, found = ({**defaults, **values[node], "priority": 0} for values in (run, launched))
+        wanted, found = ({**defaults, **values[node]} for values in (run, launched))
         assert found == wanted, node
     assert launched.get("recorder", {}).get("further") == run.get("recorder", {}).get("further")
 
@@ -70,6 +75,48 @@ def test_each_node_is_started_once(launch_file: Any) -> None:
     assert executables(launch_file, composed="true") == ["composed"]
     real = executables(launch_file, simulated="false", bag="bag")
     assert sorted(real) == ["controller", "estimator", "recorder", "reference"]
+
+
+def test_what_is_wrong_is_told_before_anything_is_started(launch_file: Any, tmp_path: Path, caplog: Any) -> None:
+    """All of it, also what a parameter file says for a node, whatever else is in that."""
+    file = tmp_path / "parameters.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters: {use_sim_time: false, kind: sine}\n"
+        "/left/controller:\n  ros__parameters: {horizon: 2000}\n"
+        "/right/controller:\n  ros__parameters: {period: -1.0}\n"
+    )
+    asked = given(launch_file, params_file=str(file), namespace="left", rate="300")
+    with pytest.raises(UserErrors) as problems:
+        launch_file.check(asked, launch_file.parameters(asked))
+    assert [line.split(":")[0] for line in problems.value.lines] == ["controller", "plant"]
+    with pytest.raises(UserError, match="argument rate"):
+        launch_file.parameters(given(launch_file, rate="fast"))
+
+
+@dataclass
+class End:
+    """The end of a process, as launch tells of it."""
+
+    returncode: int
+    process_name: str = "plant-1"
+
+
+def test_a_node_that_dies_is_started_again_so_often_and_then_all_end(launch_file: Any) -> None:
+    context, watch = LaunchContext(), launch_file.Watch(2)
+    ends = [bool(watch.ended(End(-9), context)) for _ in range(3)]
+    assert ends == [False, False, True]
+    assert watch.ended(End(0, "reference-2"), context)
+    assert watch.ended(End(2, "controller-3"), context)
+
+
+def test_a_rig_with_joints_has_a_description(launch_file: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch_file, "get_package_prefix", lambda package: "/")
+    assert len(launch_file.described(given(launch_file))) == 1
+    assert not launch_file.described(given(launch_file, robot_state_publisher="false"))
+
+
+def test_every_argument_is_described(launch_file: Any) -> None:
+    assert all(description.endswith(".") for _, _, description in launch_file.ARGUMENTS.values())
 
 
 def test_what_is_no_choice_is_refused(launch_file: Any) -> None:

@@ -27,7 +27,7 @@ MANIFEST = "extension.py"
 PACKAGE = __name__.partition(".")[0]
 KINDS = (
     "sections", "report", "companions", "demos", "controllers", "pictures", "structures", "blocks", "solvers",
-    "policies", "exporters",
+    "policies", "exporters", "descriptions",
 )  # fmt: skip
 """Of what an extension may provide."""
 

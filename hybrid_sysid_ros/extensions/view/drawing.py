@@ -210,6 +210,12 @@ def _moves(joint: Joint) -> bool:
     return bool(joint.position or joint.velocity)
 
 
+def urdf_of(rig: Rig) -> str:
+    """The URDF of a rig, "" where no joint of it moves."""
+    drawing = Drawing(rig)
+    return drawing.urdf() if drawing.joints else ""
+
+
 def _joint(
     robot: ElementTree.Element, name: str, kind: str, *, parent: str, child: str, at: Sequence[float]
 ) -> ElementTree.Element:

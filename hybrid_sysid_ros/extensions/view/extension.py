@@ -18,6 +18,7 @@ EXTENSION = Extension(
     nodes={"view": f"{HERE}.nodes.view"},
     declarations=Path(__file__).with_name("nodes.yaml"),
     provides={
+        "descriptions": {"urdf": f"{HERE}.drawing:urdf_of"},
         "companions": {"view": f"{HERE}.companion:companion"},
         "sections": {"drawing": f"{HERE}.drawing:Drawing", "faults": f"{HERE}.requests:check_faults"},
     },
