@@ -31,7 +31,7 @@ REASONS = (
     "not feasible",
     "costlier than the shifted plan",
     "waiting for good answers",
-    "improved by the exact MPC's next step",
+    "improved by one step",
 )
 """What a check found; waiting: at the beginning, when there is no last plan to compare with, and after a rejection."""
 
