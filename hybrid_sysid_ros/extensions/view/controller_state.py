@@ -28,12 +28,10 @@ class ControllerState:
         counts = {name: int(values[name]) for name in OF_LAYER if values.get(name, "").isdigit()}
         grown = {name: count - self._before.get(name, 0) if self._before else 0 for name, count in counts.items()}
         self._before = counts
+        layer, why = next((found for name, found in OF_LAYER.items() if grown.get(name, 0) > 0), ("driving", ""))
         if state := values.get("state"):
-            return state, values.get("state_reason", "")
+            return state, values.get("state_reason") or (why if state == layer else "")
         word = message.partition(" ")[0]
         if word in OF_MESSAGE:
             return OF_MESSAGE[word], message
-        for name, found in OF_LAYER.items():
-            if grown.get(name, 0) > 0:
-                return found
-        return "driving", "" if message == "running" else message
+        return layer, why or ("" if message == "running" else message)

@@ -34,6 +34,7 @@ export const model = {
   recording: null,
   shares: [], // of the layers of safety, between two diagnostics
   counted: null,
+  countedAt: 0,
   epoch: -1,
 
   greet(rig) {
@@ -93,10 +94,11 @@ export const model = {
     if (this.counted) {
       const grown = Object.entries(found).map(([name, count]) => [name, Math.max(count - (this.counted[name] ?? 0), 0)]);
       const total = grown.reduce((sum, [, count]) => sum + count, 0);
-      if (total) this.shares.push({ time: clock.now, parts: grown.map(([name, count]) => [name, count / total]) });
+      if (total) this.shares.push({ begin: this.countedAt, end: clock.now, parts: grown.map(([name, count]) => [name, count / total]) });
       if (this.shares.length > 200) this.shares.shift();
     }
     this.counted = found;
+    this.countedAt = clock.now;
   },
 
   tracked() {

@@ -5,6 +5,7 @@ import { element, model } from "./model.js";
 
 const SIGNS = ["driving", "slowed", "holding", "resting", "stopped", "disarmed", "silent"];
 const ASKED = /service enable/; // in the reason of a state that somebody has asked for
+const LATCHED = /services reset/; // in that of an emergency stop
 const AT_REST = ["stopped", "disarmed"];
 const UNREACHED = "Stop does not reach the rig from here";
 const buttons = [...document.querySelectorAll("#calls button")];
@@ -17,12 +18,13 @@ function present() {
   if (!status || !model.controller) return ["waiting", "no controller has said anything yet", "waiting"];
   const { state, reason } = model.controller, { ready } = model.values("controller: loop");
   const unready = state === "disarmed" && ready && ready !== "yes" ? `; not ready: ${ready}` : "";
-  return [state, reason + unready || status.line, SIGNS.includes(state) ? state : "other"];
+  const line = state === "driving" || status.line !== "running" ? status.line : "";
+  return [state, reason + unready || line, SIGNS.includes(state) ? state : "other"];
 }
 
 // Whether a service would change anything.
 function isUseful(service, state, reason) {
-  if (service === "arm") return state === "disarmed" && (model.values("controller: loop").ready ?? "yes") === "yes";
+  if (service === "arm") return state === "disarmed" && !LATCHED.test(reason) && (model.values("controller: loop").ready ?? "yes") === "yes";
   if (service === "disarm") return state !== "disarmed";
   if (service === "hold") return state !== "disarmed" && !(state === "holding" && ASKED.test(reason));
   if (service === "enable") return ["holding", "stopped", "resting", "other"].includes(state);

@@ -43,6 +43,7 @@ function greet(rig) {
   model.greet(rig);
   element("rig").textContent = rig.rig;
   element("address").hidden = true;
+  document.querySelector("main").hidden = false;
   drawing = new Drawing(element("drawing"), rig.drawing, rig.extent);
   charts = buildCharts(ask, isSetting);
   buildControls(ask);

@@ -80,13 +80,12 @@ function layersChart(place) {
   const chart = new Chart(place, { title: "layers of safety [% of the answers]", kind: "small", last: true, clock, zero: true, lines: [] });
   chart.limits = () => [0, 100];
   chart.overlay = (context, x, y) => {
-    model.shares.forEach(({ time, parts }, k) => {
-      const end = model.shares[k + 1]?.time ?? clock.now;
+    model.shares.forEach(({ begin, end, parts }) => {
       let from = 0;
       parts.forEach(([name, share]) => {
         if (!share) return;
         context.fillStyle = colour(LAYERS[name] ?? OTHER);
-        context.fillRect(x(time), y(100 * (from + share)), x(end) - x(time) + 1, y(100 * from) - y(100 * (from + share)));
+        context.fillRect(x(begin), y(100 * (from + share)), x(end) - x(begin) + 1, y(100 * from) - y(100 * (from + share)));
         from += share;
       });
     });

@@ -12,6 +12,8 @@ def test_a_controller_that_names_its_state_is_believed() -> None:
     values = {"state": "slowed", "state_reason": "the sensor is frozen", "layer_zeroed": "7"}
     assert state.read("running", values) == ("slowed", "the sensor is frozen")
     assert state.read("stopped until ...", {"state": "disarmed"}) == ("disarmed", "")
+    state.read("running", {"state": "driving", "layer_zeroed": "7"})
+    assert state.read("running", {"state": "resting", "layer_zeroed": "9"})[1].startswith("nothing sound")
 
 
 @pytest.mark.parametrize(

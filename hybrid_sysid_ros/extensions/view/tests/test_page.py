@@ -149,6 +149,7 @@ ON = {
     ],
     ("resting", "the actuator is stuck"): ["stop", "estop", "hold", "enable", "reset", "disarm"],
     ("stopped", "until the service enable is called"): ["stop", "estop", "hold", "enable", "reset", "disarm"],
+    ("disarmed", "disarmed (the service estop): call the services reset and arm"): ["stop", "estop", "reset"],
     ("disarmed", "not armed yet"): ["stop", "estop", "reset", "arm"],
 }
 """Which buttons are on, by the state and its reason."""
