@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
@@ -38,6 +38,7 @@ OWN: Mapping[str, Any] = {
     "estop": Bool,
     "/diagnostics": DiagnosticArray,
     "/parameter_events": ParameterEvent,
+    "/rosout": Log,
 }
 UNRECORDED = ("effort_command", "motion")
 """Topics that repeat joint_command, or that only a simulated camera reads."""

@@ -13,7 +13,8 @@ from xml.etree import ElementTree
 import pytest
 import setuptools  # type: ignore[import-untyped]
 
-from hybrid_sysid_ros.support import extensions
+from hybrid_sysid_ros.support import extensions, trunk
+from hybrid_sysid_ros.support.structured import read_mapping
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -86,3 +87,10 @@ def test_every_node_with_a_main_is_an_executable_wherever_tools_look(monkeypatch
         module = extensions.node_module(node).replace(".", "/")
         assert re.search(r"^main = |^def main", (ROOT / f"{module}.py").read_text(encoding="utf-8"), re.M)
         assert f"`{node}`" in page
+
+
+def test_the_diagnostics_of_every_node_of_a_loop_are_in_one_group_of_the_aggregator() -> None:
+    content = read_mapping(ROOT / "msgs_config" / "diagnostic_aggregator.yaml")["analyzers"]["ros__parameters"]
+    groups = [re.compile(group["regex"][0]) for group in content.values() if isinstance(group, dict)]
+    for node in trunk.TRUNK.nodes.keys() - {"composed"}:
+        assert sum(bool(group.fullmatch(f"cam_beam/{node}: loop")) for group in groups) == 1, node

@@ -83,6 +83,14 @@ def test_a_recorder_takes_topics_of_other_types_when_they_appear(bench: Bench, t
     assert bags.topics(tmp_path / "bag")["/cam_beam/temperature"].type == "sensor_msgs/msg/JointState"
 
 
+def test_a_bag_keeps_what_nodes_log(bench: Bench, tmp_path: Path) -> None:
+    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"))
+    bench.until(lambda: bench.probe.count_subscribers("/rosout"))
+    bench.until(lambda: bench.probe.get_logger().info("here") and recorder.received["/rosout"])
+    recorder.close()
+    assert bags.topics(tmp_path / "bag")["/rosout"].type == "rcl_interfaces/msg/Log"
+
+
 def test_a_recorder_does_not_replace_a_bag_unasked(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "metadata.yaml").touch()
