@@ -1,4 +1,4 @@
-"""Policies: networks that imitate the exact MPC, their certificates; and what leaves Python."""
+"""Policies: networks that imitate the exact MPC, their certificates, and exports."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Policy(policies.Policy):
 
     @classmethod
     def of(cls, policy: policies.Policy, model: Model) -> Policy:
-        """The same policy beside its model."""
+        """A policy with its model."""
         given = {item.name: getattr(policy, item.name) for item in fields(policies.Policy) if item.init}
         return cls(**given, imitates=model)
 
@@ -236,7 +236,7 @@ def export(
 
 
 def _seal(policy: policies.Policy) -> str:
-    """What the policy's folder is known by, wherever it is saved."""
+    """The seal of a policy's folder, wherever it is saved."""
     with TemporaryDirectory() as scratch:
         policy.save(Path(scratch) / "policy")
         return storage.digest(Path(scratch) / "policy", kind="policy")

@@ -1,7 +1,7 @@
-"""A rig's folder: where it is found by name, path or entry point, and what its system.py holds.
+"""A rig's folder: it is found by name, path or entry point, and its system.py is loaded.
 
-The Python of a folder runs when the rig is loaded, with the rights of whoever loads it. So a folder is only taken from
-the path that the user gave, from this package, or from a package that the user installed and named.
+The Python of a folder runs when the rig is loaded, with the user's rights. So a folder is only used from a path that
+the user gave, from this package, or from a package that the user installed and named.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import path_of
 
 GROUP = "hybrid_sysid_ros.rigs"
-"""Of the entry points of other packages; the value is a module, in whose folder the two files are."""
+"""Group of other packages' entry points; the value is a module, in whose folder the two files are."""
 HOME = Path(__file__).parent
 SYSTEM, VALUES = "system.py", "rig.yaml"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigFolder:
-    """A folder that holds a rig, and the package that it is, if any."""
+    """A folder of a rig, and its package, if any."""
 
     name: str
     path: Path
@@ -37,7 +37,7 @@ class RigFolder:
 
 
 def names() -> dict[str, str]:
-    """The rigs that are known by name in any process, each with the package that it comes from."""
+    """The rigs that are known by name in any process, with their packages."""
     found = {path.parent.name: "hybrid_sysid_ros" for path in sorted(HOME.glob(f"[!_]*/{VALUES}"))}
     return found | {point.name: point.value for point in _points() if point.name not in found}
 
@@ -60,7 +60,7 @@ def find(rig: str | Path) -> RigFolder:
 
 
 def systems_of(folder: RigFolder) -> tuple[System, dict[str, System]]:
-    """The system of a rig and its further structures by name: what system.py holds.
+    """The system of a rig and its further structures by name, from system.py.
 
     Raises UserError where its Python fails, or holds no system, or several of which none is called SYSTEM.
     """
@@ -81,7 +81,7 @@ def systems_of(folder: RigFolder) -> tuple[System, dict[str, System]]:
 
 
 def check_name(path: Path) -> None:
-    """Raise UserError where the name of a folder can be no rig's, or is another rig's."""
+    """Raise UserError where the name of a folder is not possible for a rig, or belongs to another rig."""
     folder = path.resolve()
     if not (folder.name.isidentifier() and folder.name.isascii()):
         raise UserError(f"{path}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
@@ -96,12 +96,12 @@ def _points() -> list[EntryPoint]:
 
 @cache
 def _installed() -> tuple[EntryPoint, ...]:
-    """Looked for once in a process: every package's metadata are read for it."""
+    """Entry points of rigs. They are read once in a process, since this reads the metadata of every package."""
     return tuple(entry_points(group=GROUP))
 
 
 def _named(name: str) -> RigFolder:
-    """The folder of a known name, which may be found in more than one way."""
+    """The folder of a known name. Raises UserError where it is found in two places."""
     own = RigFolder(name=name, path=HOME / name, package=f"{__package__}.{name}")
     found = [own] if (own.path / VALUES).is_file() else []
     for point in (point for point in _points() if point.name == name):
@@ -139,7 +139,7 @@ def _checked(folder: RigFolder) -> RigFolder:
 
 
 def _imported(folder: RigFolder) -> ModuleType:
-    """The module of system.py: of its package, or by a name of its own that goes with the path."""
+    """The module of system.py: that of its package, or one with a name that depends on the path."""
     path = folder.path / SYSTEM
     try:
         if folder.package and (folder.path / "__init__.py").is_file():
@@ -158,7 +158,7 @@ def _place(error: BaseException, path: Path) -> str:
 
 
 def _described(error: BaseException) -> str:
-    """Kind and text of an error, in a line."""
+    """Type and text of an error, in a line."""
     text = error.msg if isinstance(error, SyntaxError) else str(error)
     kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
     return kind + " ".join(text.split())[:200]

@@ -1,4 +1,4 @@
-"""Joints: how a rig's states, outputs and inputs travel in joint messages."""
+"""Joints: states, outputs and inputs of a rig in joint messages."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built
 
 MEASUREMENTS, COMMANDS, REFERENCES = "joint_states", "joint_command", "reference"
-"""The topics that carry outputs and inputs applied, inputs commanded, and what is to be followed."""
+"""Topics of outputs and applied inputs, of commanded inputs, and of references."""
 FILTERED = "filtered"
-"""Ending of the name of a joint's second entry: its outputs behind the sensors' low-passes."""
+"""Suffix of the name of a joint's second entry, with its low-pass filtered outputs."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """What a joint's entry carries: names of a state or output as position and velocity, of an input as effort."""
+    """The variables of a joint's entry: a state or output as position and velocity, an input as effort."""
 
     position: str = ""
     velocity: str = ""
     effort: str = ""
 
     def field_of(self, name: str) -> str:
-        """The field that carries a state, output or input, "" for none."""
+        """The field of a state, output or input; "" for none."""
         return next((key for key in ("position", "velocity", "effort") if getattr(self, key) == name), "")
 
 
@@ -39,7 +39,7 @@ class Joints:
 
     @classmethod
     def of(cls, content: Mapping[str, Any], system: System, where: str) -> Joints:
-        """From a section of rig.yaml. An output or an input of no joint gets one of its own name.
+        """Joints from a section of rig.yaml. An output or input without a joint gets one with its name.
 
         Raises UserError where a joint names a variable that the system lacks, or two joints carry the same one.
         """
@@ -69,18 +69,18 @@ class Joints:
         return list(self.joints)
 
     def place(self, name: str) -> tuple[str, str]:
-        """Joint and field that carry an output or an input."""
+        """Joint and field of an output or an input."""
         found = ((joint, item.field_of(name)) for joint, item in self.joints.items())
         return next(place for place in found if place[1])
 
     def filtered(self, outputs: Sequence[str], sensors: Sequence[Sensor]) -> dict[str, str]:
-        """Joints that have an output behind a low-pass, and the names of the entries which carry those outputs."""
+        """Joints with a low-pass filtered output, and the names of the entries of these outputs."""
         low_passed = [name for name, sensor in zip(outputs, sensors, strict=True) if sensor.low_pass]
         places = dict.fromkeys(self.place(name)[0] for name in low_passed)
         return {joint: f"{joint}_{FILTERED}" for joint in places}
 
     def signals(self, system: System, sensors: Sequence[Sensor]) -> Given:
-        """Inputs, outputs and channels of records, as these topics carry them; see :meth:`.Rig.channel`."""
+        """Signals of inputs, outputs and channels in these topics; see :meth:`.Rig.channel`."""
 
         def signals(
             variables: Sequence[Variable], topic: str, form: str = "{field}[{joint}]", holds: str = "preceding"

@@ -1,7 +1,7 @@
-"""Modules of rigs that are in no package, by names under this one.
+"""Modules of rigs that are in no package, with names under this one.
 
-What a process was told by its user, the path of a rig, it tells the processes that it starts: they find the same rig by
-its name, and the classes of its system, without being given the path again.
+A process passes the path of a rig that its user gave on to the processes that it starts, by an environment variable. So
+they find the same rig by its name, and the classes of its system.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from pathlib import Path
 from types import ModuleType
 
 VARIABLE = "HYBRID_SYSID_RIG_FOLDERS"
-"""Of the environment: the folders of rigs that were named by their paths, a line each."""
+"""Environment variable with the folders of rigs that were given by their paths, a line each."""
 FILE = "system.py"
 
-__path__: list[str] = []  # makes a package of this module, with nothing of its own in it
+__path__: list[str] = []  # makes a package of this module, without files of its own
 
 
 def chosen_paths() -> list[Path]:
-    """The folders of rigs that this process, or the one that started it, was given by path."""
+    """The folders of rigs that were given by path to this process, or to the one that started it."""
     return [Path(text) for text in os.environ.get(VARIABLE, "").splitlines() if text]
 
 
 def tell(folder: Path) -> None:
-    """Let this process and those that it starts know a rig by its name."""
+    """Make a rig known by its name to this process and to those that it starts."""
     if folder not in chosen_paths():
         os.environ[VARIABLE] = "\n".join(map(str, [*chosen_paths(), folder]))
 

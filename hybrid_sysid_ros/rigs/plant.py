@@ -1,4 +1,4 @@
-"""A rig simulated: its system at a fine step, with its actuators' limits and its sensors' faults."""
+"""The simulated rig: its system at a fine step, with actuator limits and sensor faults."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from hybrid_sysid_ros.rigs.sensor import LowPassFilter, Sensor
 from hybrid_sysid_ros.support.arrays import Array
 
 DRAWN = 1024
-"""Rows of noise and of disturbances that are drawn at once."""
+"""Rows of noise and of disturbances that are computed at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What the sensors show, in SI."""
+    """Readings of the sensors, in SI."""
 
     time: float
-    """[s]"""
+    """Time [s]."""
     outputs: Array
-    """Readings (outputs,)."""
+    """Readings, (outputs,)."""
     filtered: Array
-    """Readings behind the sensors' low-passes (outputs,), plain where there is none."""
+    """Low-pass filtered readings, (outputs,), or plain ones where there is no low-pass."""
 
 
 class Plant:
@@ -39,14 +39,14 @@ class Plant:
     def __init__(
         self, rig: Rig, *, seed: int, bias: ArrayLike = 0.0, noisy: bool = True, disturbed: bool = True
     ) -> None:
-        """bias: constant added to each input (inputs,) or one for all, a disturbance that no model knows. noisy: hum,
-        noise and counts. disturbed: what moves states from outside (``rig.disturbances``).
+        """bias: constant added to each input (inputs,), or one for all, which no model knows. noisy: hum, noise and
+        quantisation. disturbed: disturbances of states (``rig.disturbances``).
         """
         self.rig = rig
         self.step = rig.step
         self.bias = np.broadcast_to(np.asarray(bias, dtype=float), len(rig.actuators)).copy()
         self.brake = np.zeros(len(rig.system.states))
-        """By how much a brake slows each state (states,) [its unit/s]: what is slower than that stands."""
+        """Deceleration of each state by a brake, (states,) [its unit/s], which stops it at zero."""
         self.noisy = noisy
         system, random = rig.system, np.random.default_rng(seed)
         functions = compiled(system)
@@ -66,11 +66,11 @@ class Plant:
         velocities = (system.kinematics.get(index, -1) for index in range(len(system.states)))
         self._velocities = np.array(list(velocities), dtype=np.int64)
         self.stopped = 0
-        """Steps in which a state was at the end of its travel."""
+        """Number of steps in which a state was at the end of its travel."""
         self.reset(np.zeros(len(system.states)))
 
     def reset(self, state: ArrayLike, *, inputs: ArrayLike | None = None) -> None:
-        """Start again at time 0 from a state (states,), the inputs having stood at ``inputs`` (inputs,), or at rest."""
+        """Start again at time 0 from a state (states,), after constant ``inputs`` (inputs,), or inputs at rest."""
         self._ticks = 0
         self._levels: Iterator[list[float]] = iter(())
         self.state = np.array(state, dtype=float)
@@ -86,14 +86,14 @@ class Plant:
         self._read()
 
     def change(self, **parameters: float) -> None:
-        """From here on parameters of the system have other values, as friction when it warms up; delays stay."""
+        """Change parameters of the system from now on, such as friction when it warms up; delays do not change."""
         names = [item.name for item in self.rig.system.parameters]
         for name, value in parameters.items():
             self._parameters[names.index(name)] = value
 
     @property
     def applied(self) -> list[float]:
-        """What the actuators make of the last commands (inputs,), before delays and bias."""
+        """Inputs that the actuators apply for the last commands (inputs,), before delays and bias."""
         return [past[0] for past in self._past]
 
     @property
@@ -116,7 +116,7 @@ class Plant:
         self._read()
 
     def _move(self, *, steps: int) -> list[float]:
-        """Advance the state in place under what acts now; the outputs there (outputs,)."""
+        """Advance the state in place under the acting inputs; return the outputs there (outputs,)."""
         self.stopped += _moved(
             *self._functions, self.state, self._drive, self._parameters, self._weights, self.rig.step, steps,
             self._outputs, self.rig.travel, self._velocities,
@@ -125,9 +125,7 @@ class Plant:
         return found
 
     def _braked(self) -> list[float]:
-        """One step with the brake behind it, which never turns a velocity round: what stood and would stand goes
-        nowhere.
-        """
+        """One step with the brake, which never reverses a velocity; a state that is held at rest does not move."""
         before = self.state.copy()
         self._move(steps=1)
         most = self.brake * self.step
@@ -138,12 +136,12 @@ class Plant:
         return self._move(steps=0)
 
     def _act(self) -> None:
-        """What acts on the system now, behind the delays."""
+        """Apply the input delays: set the inputs that act on the system now."""
         for index, (past, (whole, part)) in enumerate(zip(self._past, self._delays, strict=True)):
             self._drive[index] = (1.0 - part) * past[whole] + part * past[whole + 1] + self.bias[index]
 
     def _disturb(self) -> None:
-        """Move the states that are moved from outside."""
+        """Apply the disturbances of states."""
         if not self._disturbances:
             return
         levels = next(self._levels, None)
@@ -167,11 +165,11 @@ class Plant:
             channel.read(self.time, phase, white)
 
     def outputs(self) -> Array:
-        """What the sensors would show now without delay and faults (outputs,)."""
+        """Outputs without delay and faults of the sensors, (outputs,)."""
         return self._outputs.copy()
 
     def sensed(self) -> Array:
-        """What they show (outputs,)."""
+        """Readings of the sensors, (outputs,)."""
         return self.measure().outputs
 
     def measure(self) -> Measurement:
@@ -197,10 +195,10 @@ def _moved(
     travel: Array,
     velocities: NDArray[np.int64],
 ) -> int:
-    """Steps of x (states,) in place under u (inputs,), and the outputs y (outputs,), by addresses of compiled code.
+    """Advance x (states,) in place under u (inputs,), and compute outputs y (outputs,), by addresses of compiled code.
 
-    travel (2, states): a state that would leave it stays at its end, and its velocity, the state of an index in
-    ``velocities`` (states,), -1 for none, goes no further that way. Returns in how many steps that was so.
+    travel (2, states): a state that would leave it stays at its end, and its velocity, whose index is in ``velocities``
+    (states,), -1 for none, is limited to zero in that direction. Returns the number of steps in which this happened.
     """
     following, stopped = np.empty(x.shape[0]), 0
     for _ in range(steps):
@@ -219,7 +217,7 @@ def _moved(
 
 
 class _Reading:
-    """One sensor at work: the outputs it has yet to show, its reading [SI] and its low-pass."""
+    """One running sensor: its delayed outputs, its reading [SI] and its low-pass."""
 
     def __init__(self, sensor: Sensor, step: float) -> None:
         self._sensor = sensor
@@ -233,7 +231,7 @@ class _Reading:
         return self.value if self._low_pass is None else self._low_pass.value
 
     def reset(self, output: float) -> None:
-        """Settle at an output."""
+        """Set the steady state at an output."""
         self._past = deque([output] * (self._whole + 2), maxlen=self._whole + 2)
         if self._low_pass is not None:
             self._low_pass.reset(output)
@@ -245,19 +243,19 @@ class _Reading:
         self._past.appendleft(output)
 
     def advance(self) -> None:
-        """One step of the low-pass, under the reading that there is."""
+        """Advance the low-pass by one step with the current reading."""
         if self._low_pass is not None:
             self._low_pass.advance(self.value)
 
     def read_plainly(self) -> None:
-        """Without faults but the delay."""
+        """Update the reading without faults except the delay."""
         if self._part == 0.0:
             self.value = self._past[self._whole]
         else:
             self.value = (1.0 - self._part) * self._past[self._whole] + self._part * self._past[self._whole + 1]
 
     def read(self, time: float, phase: float, white: float) -> None:
-        """With hum of a phase, and a standard normal number as white noise."""
+        """Update the reading with a hum of a phase, and a standard normal number as white noise."""
         self.read_plainly()
         sensor, hum = self._sensor, 0.0
         if sensor.hum is not None:
@@ -275,6 +273,6 @@ class _Reading:
 
 
 def _split(steps: float) -> tuple[int, float]:
-    """A delay in whole steps and the part of one that is left."""
+    """A delay as whole steps and the remaining part of a step."""
     whole = int(steps)
     return whole, steps - whole

@@ -1,4 +1,4 @@
-"""A rig: its system, its sensors and actuators, and how it is driven, from one folder."""
+"""A rig: its system, sensors, actuators and experiments, from one folder."""
 
 from __future__ import annotations
 
@@ -24,52 +24,52 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
 OF_EXTENSIONS = ("drawing", "faults", "scene", "mockup", "modes")
-"""Sections of the extensions that come with this package, which a rig may have where they are not there."""
+"""Sections of this package's extensions, which a rig may have where the extensions are missing."""
 BEYOND = 1e9
-"""No state, input or output of a rig is that large, whatever its unit."""
+"""Limit of all states, inputs and outputs in any unit."""
 
 MARGIN = 0.02
-"""Of the travel, at each end, that no reference reaches."""
+"""Share of the travel at each end that no reference reaches."""
 LONGEST_NAME = 100  # characters
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
-    """What is known of a rig: see docs/guides/rig-file.md for its two files."""
+    """A rig with all its data; see docs/guides/rig-file.md for its two files."""
 
     name: str
     folder: Path
     system: System
-    """The best physics known of the rig, with the numbers identified from its records."""
+    """The best known physics of the rig, with numbers identified from its records."""
     structures: Mapping[str, System]
-    """Further gray boxes of its own, by name."""
+    """Further gray boxes of the rig, by name."""
     step: float
-    """Of the simulated plant [s]."""
+    """Step of the simulated plant [s]."""
     sensors: tuple[Sensor, ...]
-    """Of each output."""
+    """The sensor of each output."""
     actuators: tuple[Actuator, ...]
-    """Of each input."""
+    """The actuator of each input."""
     travel: NDArray[np.float64]
     """Lowest and highest value of each state (2, states): the stops of the simulated rig; infinite without one."""
     joints: Joints
     namespace: str
-    """Of its topics, without slashes at its ends."""
+    """Namespace of its topics, without slashes at its ends."""
     signals: Signals
     experiments: Experiments
     references: Mapping[str, ReferenceSchedule]
-    """By name; the first is the one to show."""
+    """References by name; the first is the default."""
     content: Mapping[str, Any]
     """All of rig.yaml."""
     disturbances: Mapping[int, Excitation] = field(default_factory=dict)
-    """By state: the signal that moves it while the rig is simulated, which no model knows."""
+    """By state, a signal that moves it in simulations, which no model knows."""
     validity: NDArray[np.float64] | None = None
-    """Lowest and highest value of each state where its equations mean something (2, states)."""
+    """Lowest and highest value of each state for which the equations are valid, (2, states)."""
     offsets: Mapping[str, float] = field(default_factory=dict)
-    """States to whose rates something is added that no model knows: its drift [unit of the state/s/sqrt(s)]."""
+    """States with an unknown offset of their rates, and its drift [unit of the state/s/sqrt(s)]."""
 
     def __reduce__(self) -> Any:
-        """To another process a rig goes by its source: that runs its Python there, too."""
+        """Pickle a rig by its source, so that another process loads its Python too."""
         return (load, (self.source,)) if _LOADED.get(self.folder) is self else object.__reduce_ex__(self, 2)
 
     def __repr__(self) -> str:
@@ -78,12 +78,12 @@ class Rig:
 
     @property
     def source(self) -> str:
-        """What another process loads the rig by: its name, or the path of its folder."""
+        """The name of the rig or the path of its folder, by which another process loads it."""
         return self.name if self.name in folders.names() else str(self.folder)
 
     @property
     def file(self) -> Path:
-        """Where its values are."""
+        """Path of its rig.yaml."""
         return self.folder / folders.VALUES
 
     @property
@@ -97,7 +97,7 @@ class Rig:
         return np.array([item.low for item in self.actuators]), np.array([item.high for item in self.actuators])
 
     def steps(self, period: float, what: str) -> int:
-        """Its steps in a period [s], called ``what`` where they are no whole number: then UserError is raised."""
+        """Number of steps in a period [s]. Raises UserError, naming it by ``what``, where it is not whole."""
         count = round(period / self.step)
         if count < 1 or abs(count * self.step / period - 1.0) > 1e-9:
             raise UserError(
@@ -107,7 +107,7 @@ class Rig:
 
     @property
     def travel_of_outputs(self) -> NDArray[np.float64]:
-        """The same of each output that is a state (2, outputs)."""
+        """Travel of each output that is a state, (2, outputs); infinite for others."""
         names = [item.name for item in self.system.states]
         found = np.tile([[-np.inf], [np.inf]], len(self.system.outputs))
         for index, item in enumerate(self.system.outputs):
@@ -117,20 +117,20 @@ class Rig:
 
     @property
     def reach(self) -> NDArray[np.float64]:
-        """Lowest and highest value of each output that a reference may ask for (2, outputs), inside of its travel."""
+        """Lowest and highest reference of each output, (2, outputs), within its travel."""
         low, high = self.travel_of_outputs
         margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
         return np.array([low + margin, high - margin])
 
     @property
     def bias(self) -> tuple[float, ...]:
-        """Of each input of the simulated rig (inputs,): the constant added to it, which no model knows."""
+        """Constant that is added to each input of the simulated rig, (inputs,), which no model knows."""
         plant = section(section(self.content, "nodes", str(self.file)), "plant", f"{self.file}: nodes")
         return numbers(plant.get("bias", 0.0), f"{self.file}: nodes.plant.bias", count=len(self.actuators))
 
     @property
     def reference(self) -> str:
-        """Name of the reference to show: the rig's first, or "steps" where it has none."""
+        """Name of the default reference: the rig's first, or "steps" where it has none."""
         return next(iter(self.references), "steps")
 
     def schedule(self, name: str = "") -> ReferenceSchedule:
@@ -140,7 +140,7 @@ class Rig:
         return self.references[name or self.reference]
 
     def section(self, name: str) -> dict[str, Any]:
-        """A section of rig.yaml. Raises UserError where it is not there."""
+        """A section of rig.yaml. Raises UserError where it is missing."""
         return section(self.content, name, str(self.file), needed=True)
 
     def channel(self, kind: str, name: str) -> str:
@@ -153,11 +153,11 @@ _LOADED: dict[Path, Rig] = {}
 
 
 def load(rig: str | Path) -> Rig:
-    """A rig by its name, or by the path of its folder; the same one whenever it is asked for again. "": the default.
+    """A rig by its name, or by the path of its folder; it is loaded once. "": the default rig.
 
-    Once a process was given a path, the rig's name will do, also in the processes that it starts.
+    After a process has loaded a rig by its path, it and the processes that it starts know the rig by its name.
 
-    Raises UserError for a rig that is not known, and for whatever is wrong with its files.
+    Raises UserError for an unknown rig, and for errors in its files.
     """
     found = folders.find(rig or default())
     if found.path not in _LOADED:
@@ -177,7 +177,7 @@ def name_in(content: Mapping[str, Any]) -> str:
 
 
 def default() -> str:
-    """Name of the rig that is meant where none is named: the one whose file says so, or the only one."""
+    """Name of the default rig: the one whose file declares it, or the only one."""
     known = list(folders.names())
     chosen = [name for name in known if read_mapping(folders.find(name).path / folders.VALUES).get("default")]
     return (chosen or known)[0]
@@ -223,7 +223,7 @@ def _read(found: folders.RigFolder) -> Rig:
 
 
 def _check_alike(system: System, other: System, where: str) -> None:
-    """A further gray box takes the same inputs and gives the same outputs."""
+    """Raise UserError for a further gray box with other inputs or outputs than the rig."""
     for kind in ("inputs", "outputs"):
         mine, its = ([str(item) for item in getattr(each, kind)] for each in (system, other))
         if mine != its:
@@ -232,7 +232,7 @@ def _check_alike(system: System, other: System, where: str) -> None:
 
 
 def _given(content: Mapping[str, Any], key: str, variables: tuple[Variable, ...], where: str) -> dict[str, Any]:
-    """A section with a part for each variable, by their names."""
+    """A section with an entry for each variable, by name."""
     given, names = section(content, key, where), [item.name for item in variables]
     for name in given:
         if name not in names:
@@ -241,7 +241,7 @@ def _given(content: Mapping[str, Any], key: str, variables: tuple[Variable, ...]
 
 
 def _sensors(given: Mapping[str, Any], system: System, where: str) -> tuple[Sensor, ...]:
-    """A sensor for each output, a plain one where none is told."""
+    """A sensor for each output, a plain one where none is declared."""
     found = []
     for item in system.outputs:
         value, here = given.get(item.name), f"{where}.{item.name}"
@@ -258,12 +258,12 @@ def _sensors(given: Mapping[str, Any], system: System, where: str) -> tuple[Sens
 
 
 def _factor(unit: str, si: str) -> float | None:
-    """How many ``si`` make a ``unit``, where their names tell it: one with a prefix, or degrees."""
+    """Number of ``si`` in a ``unit``, where it follows from their names: a prefix, or degrees."""
     if unit == si:
         return 1.0
     if unit.replace("deg", "rad") == si:
         return math.pi / 180.0
-    plain = si and "^" not in si.partition("/")[0]  # mm^2 is no thousandth of m^2
+    plain = si and "^" not in si.partition("/")[0]  # mm^2 is not a thousandth of m^2
     return next((factor for prefix, factor in PREFIXES.items() if plain and unit == prefix + si), None)
 
 
@@ -288,7 +288,7 @@ def _ranges(given: Mapping[str, Any], system: System, where: str) -> NDArray[np.
 
 
 def _disturbances(given: Mapping[str, Any], system: System, where: str) -> dict[int, Excitation]:
-    """The signals of states that are moved from outside."""
+    """The signals of states with disturbances."""
     found = {}
     for name, value in given.items():
         signal = Excitation.of(value, f"{where}.{name}")
@@ -299,7 +299,7 @@ def _disturbances(given: Mapping[str, Any], system: System, where: str) -> dict[
 
 
 def _offsets(given: Mapping[str, Any], system: System, where: str) -> dict[str, float]:
-    """How fast offsets of the rates of states drift."""
+    """Drifts of the offsets of states' rates."""
     found = {}
     for name in given:
         index_of(name, system.declared_states, where, "state")

@@ -14,27 +14,27 @@ from hybrid_sysid_ros.support.errors import UserError
 
 @dataclass(frozen=True, kw_only=True)
 class Display:
-    """The unit in which an output is shown, weighed, and configured."""
+    """The unit in which an output is displayed, weighted and configured."""
 
     unit: str
     scale: float
     """SI per unit."""
 
     def shown(self, value: ArrayLike) -> Array:
-        """From SI into the unit."""
+        """A value in the display unit, from SI."""
         return np.asarray(value, dtype=float) / self.scale
 
     def si(self, value: ArrayLike) -> Array:
-        """From the unit into SI."""
+        """A value in SI, from the display unit."""
         return np.asarray(value, dtype=float) * self.scale
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hum:
-    """A sine of known frequency in the readings, with one random phase per run."""
+    """A sine of known frequency in the readings, with a random phase for each run."""
 
     rms: float
-    """[reading unit]"""
+    """Root mean square [reading unit]."""
     hertz: float
 
     def __post_init__(self) -> None:
@@ -43,12 +43,12 @@ class Hum:
 
 @dataclass(frozen=True, kw_only=True)
 class Quantiser:
-    """An analogue-to-digital converter over +-range, or an encoder's count without end."""
+    """An analogue-to-digital converter over +-range, or an encoder without limits."""
 
     range: float = math.inf
     """Largest reading, +- [reading unit]."""
     bits: int = 0
-    """Of the converter; 0: ``count`` says how fine it is."""
+    """Bits of the converter; 0: ``count`` is its resolution."""
     count: float = 0.0
     """One count [reading unit]."""
 
@@ -59,7 +59,7 @@ class Quantiser:
             raise UserError("a quantiser needs a count above 0, or range and bits")
 
     def read(self, value: float) -> float:
-        """The nearest count within the range; what is not finite stays so."""
+        """The nearest count within the range; non-finite values stay."""
         if not math.isfinite(value):
             return min(max(value, -self.range), self.range)
         return min(max(round(value / self.count) * self.count, -self.range), self.range)
@@ -79,10 +79,10 @@ class LowPass:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """What stands between an output and its readings; every part may be missing."""
+    """The path from an output to its readings; every part may be missing."""
 
     unit: str
-    """Of a reading, and of the output wherever it is shown."""
+    """Unit of a reading, in which the output is also displayed."""
     scale: float = 1.0
     """SI per unit of a reading."""
     white_noise: float = 0.0
@@ -91,9 +91,9 @@ class Sensor:
     quantiser: Quantiser | None = None
     low_pass: LowPass | None = None
     delay: float = 0.0
-    """Age of what a reading shows [s]."""
+    """Age of a reading [s]."""
     window: float = 0.0
-    """A reading is the mean over this time [s], in counts of the sum: a counter of pulses. 0: that of a moment."""
+    """Time [s] over which a reading is a mean, with quantised sums, as of a pulse counter; 0: it is instantaneous."""
 
     def __post_init__(self) -> None:
         if not (self.scale != 0 and math.isfinite(self.scale)):
@@ -104,17 +104,17 @@ class Sensor:
 
     @property
     def display(self) -> Display:
-        """The unit of the readings."""
+        """The display unit, which is that of the readings."""
         return Display(unit=self.unit, scale=self.scale)
 
     @property
     def noisy(self) -> bool:
-        """Whether its noise moves its readings from one to the next, so that many alike are a fault."""
+        """Whether noise changes its readings, so that many equal ones are a fault."""
         return self.white_noise > (0.5 * self.quantiser.count if self.quantiser else 0.0)
 
     @property
     def noise(self) -> float:
-        """Noise in all, rms [reading unit]."""
+        """Total noise, rms [reading unit]."""
         return math.hypot(self.hum.rms if self.hum else 0.0, self.white_noise)
 
 
@@ -142,7 +142,7 @@ class LowPassFilter:
         return float(self.reading @ self.state)
 
     def reset(self, value: float) -> None:
-        """Settle at a constant input."""
+        """Set the steady state of a constant input."""
         self.state = np.linalg.solve(np.eye(len(self.state)) - self.transition, self.gain * value)
 
     def advance(self, value: float) -> None:

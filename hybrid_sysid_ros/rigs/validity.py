@@ -1,4 +1,4 @@
-"""Validity: where the equations of a rig mean something."""
+"""Validity: the range in which the equations of a rig are valid."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
 ROUNDING = 1e-9
-"""Of an input, as part of what its actuator gives."""
+"""Rounding of an input, relative to its actuator's range."""
 
 
 def check_valid(rig: Rig, states: NDArray[np.float64], what: str, *, system: System | None = None) -> None:
-    """Raise UserError for states (samples, states) that leave the validity of the rig, with the state that does.
+    """Raise UserError for states (samples, states) outside the rig's range of validity, naming the state.
 
-    what: has them, as the message begins. system: whose states they are, the rig's own without; states that the rig
-    does not name have no validity.
+    what: beginning of the message. system: the system of the states, by default the rig's; states that the rig does not
+    have are not limited.
     """
     if rig.validity is None:
         return
@@ -40,7 +40,7 @@ def check_valid(rig: Rig, states: NDArray[np.float64], what: str, *, system: Sys
 
 
 def check_reached(rig: Rig, inputs: NDArray[np.float64], what: str) -> None:
-    """Raise UserError for inputs (inputs,) that the actuators of the rig can't give, with the input that it is."""
+    """Raise UserError for inputs (inputs,) that the rig's actuators can't give, naming the input."""
     for value, item, actuator in zip(inputs, rig.system.inputs, rig.actuators, strict=True):
         if abs(value - min(max(value, actuator.low), actuator.high)) > ROUNDING * (actuator.high - actuator.low):
             shown = [_shown(number, item.unit) for number in (value, actuator.low, actuator.high)]
@@ -56,6 +56,6 @@ def _deviations(rig: Rig, name: str) -> str:
 
 
 def _shown(value: float, unit: str) -> str:
-    """A number with its unit, an angle in degrees too."""
+    """A number with its unit, and an angle also in degrees."""
     degrees = f" ({math.degrees(value):.3g} deg)" if unit == "rad" else ""
     return f"{value:.4g}{'' if unit == '1' else f' {unit}'}{degrees}"

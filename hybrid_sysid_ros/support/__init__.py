@@ -1,1 +1,1 @@
-"""What every room stands on: errors, files, interruption, progress, threads, optional libraries."""
+"""Common foundations: errors, files, interruption, progress, threads, optional libraries."""

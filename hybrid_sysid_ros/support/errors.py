@@ -1,4 +1,4 @@
-"""What a user can cause: an error, and an early end."""
+"""Errors that a user can cause, and interruptions."""
 
 import warnings
 from collections.abc import Iterable, Iterator
@@ -57,14 +57,14 @@ def collected(problems: list[str], where: str = "") -> Iterator[None]:
 
 
 def known(name: str, names: Iterable[str]) -> str:
-    """End of a line that refuses a name: which there are, or of many the nearest, where some are near."""
+    """End of a line that refuses a name: the known names, or of many the nearest ones."""
     found = list(names)
     near = get_close_matches(name, found) if len(found) > FEW else []
     return f"the nearest of {len(found)} are {', '.join(near)}" if near else f"known are {', '.join(found)}"
 
 
 def shown(value: object) -> str:
-    """An argument in a few words, for an error: never a whole array."""
+    """An argument in a few words for an error, never a whole array."""
     if isinstance(value, int) and value.bit_length() > 64:
         return f"a whole number of {value.bit_length()} bits"
     if isinstance(value, str | Path):

@@ -1,8 +1,8 @@
-"""Extensions: what folders beside the trunk, and packages of others, add to it, by manifests of plain data.
+"""Extensions: folders beside the trunk, and other packages, add to it by manifests of plain data.
 
 An extension of this distribution is a folder of ``extensions/`` with an extension.py; one of another distribution names
-its manifest by an entry point. Each is taken as a whole or not at all. Nothing here imports what a manifest names,
-until somebody asks for it.
+its manifest by an entry point. Each is used as a whole or not at all. Modules that a manifest names are imported only
+when they are used.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 
 GROUP = "hybrid_sysid_ros.extensions"
-"""Of the entry points of other packages; the value is the manifest, MODULE:EXTENSION."""
+"""Group of other packages' entry points; the value is the manifest, MODULE:EXTENSION."""
 HOME = Path(__file__).parents[1] / "extensions"
 MANIFEST = "extension.py"
 PACKAGE = __name__.partition(".")[0]
@@ -29,12 +29,12 @@ KINDS = (
     "sections", "report", "companions", "demos", "controllers", "pictures", "structures", "blocks", "solvers",
     "policies", "exporters", "descriptions",
 )  # fmt: skip
-"""Of what an extension may provide."""
+"""Kinds of objects that an extension may provide."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extension:
-    """A manifest: what an extension adds, by name. See docs/extend.md for what each kind needs.
+    """A manifest of an extension's additions by name. docs/extend.md describes each kind.
 
     Raises UserError for a field of another type, and for an unknown kind.
     """
@@ -42,13 +42,13 @@ class Extension:
     name: str
     summary: str
     commands: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """By words, as "say" or "rig layouts": a module with a function ``command``, and a summary of one line."""
+    """By its words, such as "say" or "rig layouts": a module with a function ``command``, and a summary of one line."""
     nodes: Mapping[str, str] = field(default_factory=dict)
     """ROS 2 nodes by name: a module with a function ``main``."""
     declarations: Path | None = None
     """YAML file of the form of msgs_config/nodes.yaml: parameters of its nodes, further ones of others, and topics."""
     provides: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """By kind and name: what is used, as "module:attribute"."""
+    """By kind and name, an object as "module:attribute"."""
 
     def __post_init__(self) -> None:
         for name, hint in get_type_hints(type(self)).items():
@@ -58,7 +58,7 @@ class Extension:
             raise UserError(f"its provides has an unknown kind {kind!r}: {errors.known(kind, KINDS)}")
 
     def claims(self) -> Iterator[tuple[str, str]]:
-        """What no other extension may have: a kind and a name each."""
+        """Kinds and names that no other extension may have."""
         yield from (("command", words) for words in self.commands)
         yield from (("node", name) for name in self.nodes)
         yield from ((kind, name) for kind, names in self.provides.items() for name in names)
@@ -66,7 +66,7 @@ class Extension:
 
 @dataclass(frozen=True, kw_only=True)
 class Registry:
-    """The trunk's own manifest, those of the extensions that are used, and why others are not, in a line each."""
+    """The manifests of the trunk and of the extensions in use, and a line for each other one with the reason."""
 
     extensions: tuple[Extension, ...]
     problems: list[str]
@@ -74,7 +74,7 @@ class Registry:
 
 @cache
 def registry() -> Registry:
-    """All extensions that are installed, looked for once in a process: our own by name, then those of others."""
+    """All installed extensions, which are looked for once in a process: our own by name, then those of others."""
     from hybrid_sysid_ros.support.trunk import TRUNK  # a manifest, too
 
     used, problems = [TRUNK], list[str]()
@@ -115,12 +115,12 @@ def node_module(name: str) -> str:
 
 
 def targets(kind: str) -> dict[str, str]:
-    """Where each thing of a kind is, as "module:attribute" by name; nothing is imported."""
+    """The objects of a kind as "module:attribute" by name; nothing is imported."""
     return {name: target for item in registry().extensions for name, target in item.provides.get(kind, {}).items()}
 
 
 def provided(kind: str) -> dict[str, Any]:
-    """The things of a kind by name. What can't be imported is left out, and told among the problems."""
+    """The objects of a kind by name. One that can't be imported is left out, and reported among the problems."""
     found = {}
     for name, target in targets(kind).items():
         try:
@@ -131,8 +131,8 @@ def provided(kind: str) -> dict[str, Any]:
 
 
 def one(kind: str, name: str, needs: str = "") -> Any:
-    """The thing of a kind that has a name. needs: who asks for which extension. Raises UserError where no extension
-    provides it, or it can't be imported.
+    """The object of a kind and name. needs: beginning of the error, with the extension that is needed. Raises UserError
+    where no extension provides it, or it can't be imported.
     """
     if (target := targets(kind).get(name)) is None:
         raise UserError(
@@ -142,7 +142,7 @@ def one(kind: str, name: str, needs: str = "") -> Any:
 
 
 def leave_out(what: str, why: UserError) -> None:
-    """Note that something of an extension is not used; the command line tells it."""
+    """Note that part of an extension is not used; the command line reports it."""
     if (line := f"{what} is left out: {why}") not in registry().problems:
         registry().problems.append(line)
 
@@ -160,12 +160,12 @@ def missing(name: str) -> str:
 
 
 def left_out() -> str:
-    """End of a line that refuses what an extension may have: which are left out, and why."""
+    """End of a line that refuses a name that an extension may have: which extensions are left out, and why."""
     return "".join(f"; {line}" for line in registry().problems)
 
 
 def loaded(target: str) -> Any:
-    """What "module:attribute" names. Raises UserError where it can't be imported, whatever it raises."""
+    """The object that "module:attribute" names. Raises UserError where its import raises anything."""
     module, _, attribute = target.partition(":")
     with blaming(f"{target} can't be imported"):
         return attrgetter(attribute)(import_module(module))
@@ -173,8 +173,8 @@ def loaded(target: str) -> Any:
 
 @contextmanager
 def blaming(what: str, module: str = "") -> Iterator[None]:
-    """Where code is used that may be another package's: whatever it raises leaves as a UserError of one line that says
-    what it is. Mistakes of modules of this package leave as they are.
+    """Around code that may be another package's: turn its errors into a UserError of one line that begins with
+    ``what``. Errors of this package's modules are not changed.
     """
     try:
         yield

@@ -1,7 +1,7 @@
-"""Independent pieces of work side by side, in processes, and results that the next run finds again.
+"""Independent pieces of work in parallel processes, and a store of results for the next run.
 
-A lost process (killed, out of memory) costs the piece it was at, which runs again; an interruption costs what is under
-way; what is finished is in the store. Each process has one thread of linear algebra: more get into each other's way.
+The piece of a lost process (killed, out of memory) runs again; an interruption loses running pieces, and finished ones
+are in the store. Each process has one thread of linear algebra, since more would slow each other down.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ POLL = 1.0
 """Seconds between two looks at the workers."""
 
 LOSSES = 3
-"""Work whose process was lost so many times is given up: it is probably what kills them."""
+"""Number of lost processes after which a piece is given up, since it probably causes the losses."""
 
 IDLE = 60.0
 """Seconds after which an idle process ends, also one whose parent was killed."""
@@ -50,13 +50,13 @@ FINISHED = "finished.json"
 
 @dataclass(frozen=True)
 class Lost:
-    """In place of a result: the processes that worked on it were lost again and again."""
+    """Replaces a result whose processes were lost repeatedly."""
 
     reason: str = f"its worker process was lost {LOSSES} times; perhaps it needs more memory"
 
 
 class Workers(ABC, Generic[Item, Result]):
-    """Workers for one kind of work, as a context. tell: gets a line when one is lost; name: of an item in that line."""
+    """Workers for one kind of work, as a context. tell: receives a line when one is lost; name: the item in it."""
 
     def __init__(
         self, work: Callable[[Item], Result], *, tell: Report = print, name: Callable[[Item], str] = str
@@ -69,7 +69,7 @@ class Workers(ABC, Generic[Item, Result]):
     def run(self, items: Iterable[Item]) -> Iterator[tuple[Item, Result | Lost]]:
         """Results in the order in which they end; an item is taken when a worker is free for it.
 
-        Raises what the work raises, and UserError where there are no workers any more.
+        Raises errors of the work, and UserError where no workers are left.
         """
         waiting, losses = iter(items), Counter[int]()
         pending, taken = self._pending, 0
@@ -97,7 +97,7 @@ class Workers(ABC, Generic[Item, Result]):
                 yield item, found
 
     def drained(self) -> Iterator[tuple[Item, Result | Lost]]:
-        """Wait for what is under way; what fails or is lost is left out."""
+        """Wait for running items; failed and lost ones are left out."""
         while self._pending:
             for future in wait(self._pending, return_when=FIRST_COMPLETED).done:
                 _, item = self._pending.pop(future)
@@ -107,18 +107,18 @@ class Workers(ABC, Generic[Item, Result]):
     @property
     @abstractmethod
     def size(self) -> int:
-        """Items that are worked on at once."""
+        """Number of items that run at once."""
 
     @abstractmethod
     def submit(self, item: Item) -> Future[Result]:
         """Begin with an item."""
 
     def result(self, future: Future[Result]) -> Result | Lost:
-        """What a finished future brought. Raises BrokenExecutor where its worker was lost."""
+        """The result of a finished future. Raises BrokenExecutor where its worker was lost."""
         return future.result()
 
     def close(self) -> None:
-        """End what was started, running work included."""
+        """End all workers, including running work."""
 
     def __enter__(self) -> Workers[Item, Result]:
         return self
@@ -130,7 +130,7 @@ class Workers(ABC, Generic[Item, Result]):
 
 
 class Here(Workers[Item, Result]):
-    """This process, one item after the other; the work may use all of its threads."""
+    """Runs one item after the other in this process; the work may use all of its threads."""
 
     @property
     def size(self) -> int:
@@ -146,7 +146,7 @@ class Here(Workers[Item, Result]):
 
 
 class Processes(Workers[Item, Result]):
-    """Processes of this machine, by joblib's executor. Each is a pool of its own: it breaks alone when it is killed.
+    """Processes of this machine, by joblib's executor. Each is a pool of its own, so that only one breaks at a loss.
 
     jobs: see :func:`count`. Work and items are pickled.
     """
@@ -194,15 +194,15 @@ class Processes(Workers[Item, Result]):
 
 
 def workers_for(work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> Workers[Item, Result]:
-    """Processes; for one job this process itself."""
+    """Processes, or for one job this process itself."""
     return Here(work, **more) if count(jobs) == 1 else Processes(work, jobs=jobs, **more)
 
 
 class Store(Generic[Result]):
-    """Finished results in a folder. Each is found again by all that it depends on, and was written whole or not at all.
+    """Finished results in a folder. Each has a key of all that it depends on, and is written whole or not at all.
 
-    purpose: what all of them depend on; results of another purpose are not found again. Results are named arrays; a
-    subclass may keep others.
+    purpose: the common part of all keys; results of another purpose are not found. Results are named arrays; a subclass
+    may store others.
     """
 
     def __init__(self, folder: Path, purpose: str = "") -> None:
@@ -211,7 +211,7 @@ class Store(Generic[Result]):
 
     @property
     def kept(self) -> int:
-        """Number of results that are there, of whatever purpose."""
+        """Number of stored results of any purpose."""
         return sum(1 for _ in self.folder.glob(f"*/{FINISHED}"))
 
     def write(self, result: Result, folder: Path) -> None:
@@ -221,14 +221,14 @@ class Store(Generic[Result]):
         (folder / ARRAYS).write_bytes(content)
 
     def read(self, folder: Path) -> Result:
-        """What was written there; what raises an error is not there."""
+        """The result in a folder; one that raises an error counts as missing."""
         found: Any = load_file(folder / ARRAYS)
         return found  # type: ignore[no-any-return]
 
     def find(self, key: Any) -> Result | None:
-        """The result of a key, None where it is not there, not as it was written, or can't be read.
+        """The result of a key; None where it is missing, altered, or can't be read.
 
-        key: plain data, or told by its repr().
+        key: plain data, or objects with a distinctive repr().
         """
         place = self._place(key)
         try:
@@ -264,12 +264,12 @@ def run(
     store: Store[Result] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Result]:
-    """What ``work`` gives for each piece, in their order.
+    """Results of ``work`` for each piece, in their order.
 
-    workers: see :func:`count`. cluster: see :class:`~.cluster.Cluster`, in place of processes. store: where finished
-    pieces are kept, so that an interrupted run goes on. progress: gets how many pieces are done, and of how many. After
-    Ctrl-C no more work is handed out; what is under way is still kept. Raises UserError where a piece loses its
-    processes again and again.
+    workers: see :func:`count`. cluster: see :class:`~.cluster.Cluster`, in place of processes. store: a store of
+    finished pieces, so that an interrupted run can continue. progress: receives the numbers of finished and of all
+    pieces. After Ctrl-C no more work is begun; results of running pieces are still stored. Raises UserError where a
+    piece loses its processes repeatedly.
     """
     found: dict[int, Result] = {}
     jobs = min(count(workers), max(len(pieces), 1))
@@ -305,10 +305,10 @@ def resumed(
     keep: Callable[[Result], bool] = lambda result: True,
     finish: bool = False,
 ) -> Generator[tuple[Item, Result | Lost, bool], None, None]:
-    """(item, result, whether an earlier run left it) of all items: stored ones first, then others as they are done.
+    """(item, result, whether it was stored) of all items: stored ones first, then others as they finish.
 
-    Each new result for which ``keep`` holds is in the store before it is given out. finish: after Ctrl-C, what is under
-    way is waited for and kept.
+    Each new result for which ``keep`` is true is in the store before it is yielded. finish: after Ctrl-C, running items
+    are awaited and stored.
     """
     left = []
     for item in items:
@@ -340,6 +340,6 @@ def count(jobs: int) -> int:
 
 
 def _alone(work: Callable[[Item], Result], item: Item) -> Result:
-    """As one beside others does it."""
+    """Run an item with one thread, as in parallel processes."""
     with alone():
         return work(item)

@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
 Report = Callable[[str], object]
-"""Takes a line of text."""
+"""Receives a line of text."""
 StageProgress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
 
 
 @contextmanager
 def progress_bars(console: Console) -> Iterator[StageProgress]:
-    """Yield update(stage, done, of): a bar for each stage, or a line for each quarter of it where nobody watches."""
+    """Yield update(stage, done, of): a bar for each stage, or, without a terminal, a line for each quarter of it."""
     if not console.is_terminal:
         quarters: dict[str, int] = {}
 

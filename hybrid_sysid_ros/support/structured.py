@@ -1,4 +1,4 @@
-"""Plain data from YAML files, made into dataclasses; what is wrong is told by file and key."""
+"""Plain data from YAML files as dataclasses; errors name file and key."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read_mapping(path: Path | str) -> dict[str, Any]:
 
 
 def refuse_endless(value: Any, where: str) -> None:
-    """Raise UserError for numbers in nested mappings and lists that are none or without end."""
+    """Raise UserError for numbers in nested mappings and lists that are not finite."""
     if isinstance(value, float) and not math.isfinite(value):
         raise UserError(f"{where} is {value}: it needs a number")
     if isinstance(value, dict):
@@ -44,7 +44,7 @@ def refuse_endless(value: Any, where: str) -> None:
 
 
 def section(content: Mapping[str, Any], key: str, where: str, *, needed: bool = False) -> dict[str, Any]:
-    """A mapping within a mapping, empty where it is not there; its keys are text.
+    """A mapping within a mapping, empty where it is missing; its keys are text.
 
     Raises UserError for another value, and where the section is ``needed`` and missing.
     """
@@ -89,7 +89,7 @@ def refuse_unknown(content: Mapping[Any, Any], known: tuple[str, ...], where: st
 
 
 def numbers(value: Any, where: str, *, count: int) -> tuple[float, ...]:
-    """As many numbers; one alone stands for all. Raises UserError where they are others."""
+    """``count`` numbers; one alone stands for all. Raises UserError for anything else."""
     items = value if isinstance(value, list | tuple) else [value]
     if any(isinstance(item, bool) or not isinstance(item, int | float) for item in items):
         raise UserError(f"{where} is {value!r}: it needs {'a number' if count == 1 else f'{count} numbers'}")
@@ -99,7 +99,7 @@ def numbers(value: Any, where: str, *, count: int) -> tuple[float, ...]:
 
 
 def named_numbers(content: Mapping[str, Any], key: str, where: str) -> dict[str, float]:
-    """A section of numbers by their names, empty where it is not there. Raises UserError where one is no number."""
+    """A section of numbers by name, empty where it is missing. Raises UserError where one is no number."""
     return {
         name: numbers(value, f"{where}.{key}.{name}", count=1)[0]
         for name, value in section(content, key, where).items()

@@ -1,4 +1,4 @@
-"""Tables of plain text, as ``print`` shows them."""
+"""Tables of plain text for ``print``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def text_table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]], *, most: int, rest: str) -> str:
-    """A title, a heading and ``most`` rows in columns as wide as they need. rest: what holds the others."""
+    """A title, a heading and at most ``most`` rows in fitting columns. rest: name of the object with the other rows."""
     shown = [list(heading), *map(list, rows[:most])]
     widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in shown]

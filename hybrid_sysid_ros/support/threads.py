@@ -1,4 +1,4 @@
-"""Threads of libraries: where several things run side by side each gets one, for spinning neighbours slow it down."""
+"""Threads of libraries: parallel work gets one each, since threads that spin slow each other down."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 
 @contextmanager
 def one_torch_thread(torch: Any) -> Iterator[None]:
-    """Train in one thread: batches are small, and a second thread that finds its core busy holds up the first."""
+    """Train in one thread: batches are small, and a second thread on a busy core delays the first."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -26,13 +26,13 @@ _available = ContextVar("threads", default=2)
 
 
 def available() -> int:
-    """How many threads one piece of work may use."""
+    """Number of threads that one piece of work may use."""
     return _available.get()
 
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Keep work to one thread: others work beside it."""
+    """Limit work to one thread, since other work runs in parallel."""
     from threadpoolctl import threadpool_limits
 
     token = _available.set(1)

@@ -1,4 +1,4 @@
-"""Versions of other packages whose private parts are used here: those known to work, and what doing without costs."""
+"""Other packages' private parts that are used here: the versions known to work, and the cost of the fall-back."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from importlib.metadata import PackageNotFoundError, version
 from hybrid_sysid_ros.support.errors import UserError, warn
 
 FALL_BACK = "HYBRID_SYSID_FALL_BACK"
-"""Environment variable: names of guarded parts, separated by commas, that are not used, as if they were unknown."""
+"""Environment variable with names of guarded parts, separated by commas, for which the fall-back is used."""
 WARNED = "HYBRID_SYSID_FALL_BACK_WARNED"
-"""Environment variable: those of which this process, or the one that started it, has warned already."""
+"""Environment variable with the parts of which this process, or the one that started it, has warned already."""
 
 
 @cache
@@ -27,27 +27,26 @@ def installed(package: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Guarded:
-    """A part of another package that it does not promise to keep."""
+    """A private part of another package, which a release may change."""
 
     package: str
     part: str
-    """In a word."""
+    """Name of the part."""
     known: tuple[str, ...]
-    """Releases with which it has been tested, as 0.68; empty where only names that are missing tell."""
+    """Tested releases, such as 0.68; empty where only missing names decide."""
     cost: str
-    """What it costs to do without; empty where nothing can be done without."""
+    """Cost of the fall-back; empty where there is none."""
 
     @property
     def name(self) -> str:
-        """By which FALL_BACK calls it."""
+        """The name for FALL_BACK."""
         return f"{self.package}.{self.part}"
 
     def usable(self, missing: Sequence[str] = ()) -> bool:
         """Whether it may be used. Where it may not, the first call in a process, and in those that it starts, warns of
-        what that costs.
+        the cost.
 
-        missing: private names that the installed package does not have. Raises UserError where there is nothing to fall
-        back on.
+        missing: private names that the installed package lacks. Raises UserError where there is no fall-back.
         """
         trouble = self._trouble(missing)
         if not trouble:

@@ -1,4 +1,4 @@
-"""YAML of plain data: read within bounds of size, depth and number, whoever wrote it; and written as it is read."""
+"""YAML of plain data: read within limits of size, depth and number, and written so that it is read unchanged."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import Any
 import yaml
 
 LARGEST = 1 << 20
-"""Bytes of a file."""
+"""Most bytes of a file."""
 DEEPEST = 32
-"""Levels of lists and mappings."""
+"""Most levels of lists and mappings."""
 MOST = 100_000
-"""Values, each counted as often as aliases repeat it."""
+"""Most values, each counted as often as aliases repeat it."""
 LONGEST = 100
-"""Characters of a number."""
+"""Most characters of a number."""
 
 _PLAIN = tuple(f"tag:yaml.org,2002:{kind}" for kind in ("null", "bool", "int", "float", "str", "seq", "map", "merge"))
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where PyYAML has it: ten times as fast
 
 
 class TextError(ValueError):
-    """It is no YAML of plain data, or beyond the bounds; the text says why, and in which line where that is known."""
+    """A text is no YAML of plain data, or beyond the limits; the message has the reason, and the line where known."""
 
 
 class _Loader(_Parser):  # type: ignore[misc]
-    """Plain data: no dates, bytes or sets, which YAML knows and no file of ours needs."""
+    """Loader of plain data, without dates, bytes or sets, which YAML knows and no file here needs."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         if node.tag not in _PLAIN:
@@ -42,7 +42,7 @@ class _Loader(_Parser):  # type: ignore[misc]
 
 
 class Dumper(yaml.SafeDumper):
-    """What :func:`parsed` reads as it was."""
+    """Dumper of text that :func:`parsed` reads unchanged."""
 
 
 _Loader.yaml_implicit_resolvers = {

@@ -14,11 +14,11 @@ from hybrid_sysid_ros.core.friction import rational_stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar, clip, maximum, select, sided, sqrt
 
 SMALLEST_SQUARED_COSINE = 0.1
-"""Of the crank's angle: no record comes that near to a dead centre, and beyond it the law must stay finite."""
+"""Least squared cosine of the crank's angle, so that the law is finite at a dead centre; no record comes so near."""
 
 DRIVE_CORNER, POSITION_CORNER, SPEED_CORNER = 0.05, 0.002, 0.05
-"""Widths over which the corners of the asymmetric drive [V] and of what is held within the identified range [rad,
-rad/s] are rounded where a solver needs derivatives.
+"""Widths over which the corners of the asymmetric drive [V] and of the limits of the identified range [rad, rad/s] are
+rounded for solvers that need derivatives.
 """
 
 
@@ -34,7 +34,7 @@ class CamBeam(System):
              - damping (1 + damping_asymmetry sgn v) v - F sat(v / creep)
         F = max(0, [coulomb + stribeck_excess / (1 + (v / stribeck_speed)^2)^2]
                    (1 + friction_slope s + friction_curvature s^2))
-        s = q and v in the pull within the range that was identified, so that no term grows outside it.
+        s = q, and v in the pull, are limited to the identified range, so that no term grows outside it.
 
     The physics: an unbalanced beam (centre, stiffness: tau0 u - K0 (x1 + d0)) on a crank whose follower is pushed one
     way and falls the other (asymmetry). The crank is in the records: fitted to all seven, cam_curvature is 52 with a
@@ -71,7 +71,7 @@ class CamBeam(System):
     stribeck_excess: float = bounded(0.0, 0.0, 10.0, start=0.2, spread=0.4, unit="rad/s^2", term="stribeck")
     """Friction at rest above the Coulomb level."""
     stribeck_speed: float = bounded(0.05, 0.005, 1.0, start=0.05, spread=0.05, unit="rad/s", term="stribeck")
-    """Speed at which the excess is gone."""
+    """Speed at which the excess vanishes."""
     friction_slope: float = bounded(-0.1432, -20.0, 20.0, start=0.0, spread=3.0, unit="1/rad", term="position_friction")
     """Friction over position, odd part."""
     friction_curvature: float = bounded(
@@ -118,14 +118,14 @@ class CamBeam(System):
 
 @dataclass(frozen=True, kw_only=True)
 class CreepingBeam(CamBeam):
-    """The beam with a friction that holds from creeping to full speed: at the motor, and older the longer it rests.
+    """The beam with friction that is valid from creeping to full speed: it is at the motor, and ages at rest.
 
         v' = gain e cos phi - ... - cos phi (coulomb + rest_excess (1 - r)) sat(v / creep)
         r' = |v| (1 - r) / memory - r / rest_time
 
-    What rubs is the motor with its gear, before the crank: in beam angles its friction fades towards the dead centres
-    as the drive does, so that break-away takes the same input everywhere but for the unbalance. That is the position
-    friction of :class:`CamBeam` without a number of its own.
+    The friction is that of motor and gear, before the crank. In beam angles it fades towards the dead centres as the
+    drive does, so break-away takes the same input everywhere except for the unbalance. That gives the position friction
+    of :class:`CamBeam` without a parameter.
     """
 
     contacts = (
@@ -144,15 +144,15 @@ class CreepingBeam(CamBeam):
     rest_excess: float = bounded(1.5, 0.0, 10.0, start=1.5, spread=1.0, unit="rad/s^2", term="ageing")
     """Friction of the rested contact above that at speed."""
     rest_time: float = bounded(2.0, 0.01, 100.0, start=1.8, spread=1.0, unit="s", term="ageing")
-    """In which a contact ages."""
+    """Time in which a contact ages."""
     memory: float = bounded(0.01, 1e-4, 1.0, start=0.018, spread=0.01, unit="rad", term="ageing")
-    """Way of sliding that renews the contact."""
+    """Sliding displacement that renews the contact."""
 
     def friction(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
         return super().friction(x, u) * self._at_the_motor(x)
 
     def ageing(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """Level that rest adds [rad/s^2]."""
+        """Friction level that the time at rest adds [rad/s^2]."""
         return self.rest_excess * self._at_the_motor(x)
 
     def _at_the_motor(self, x: Sequence[Scalar]) -> Scalar:

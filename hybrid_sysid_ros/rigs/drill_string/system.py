@@ -22,8 +22,8 @@ MOMENT = 0.1  # s
 class DrillString(System):
     """d' = wd - wm,  Jd wd' = -k d - (c + cd) wd + c wm - Tf,  Jm wm' = k d + c wd - (c + cm) wm + tau(t - delay).
 
-    Twist d of the shaft [rad], speeds wd of the bit and wm of the top, torque tau of the motor. What the bit's friction
-    Tf is says a subclass.
+    Twist d of the shaft [rad], speeds wd of the bit and wm of the top, torque tau of the motor. A subclass defines the
+    bit's friction Tf.
     """
 
     states: ClassVar[Any] = ("twist [rad]", "bit_speed [rad/s]", "top_speed [rad/s]")
@@ -44,7 +44,7 @@ class DrillString(System):
     top_inertia: float = bounded(0.02, 0.005, 0.2, unit="kg m^2", fixed=True)
     """Jm, known."""
     torque_delay: float = bounded(0.01, 0.0, 0.05, start=0.005, unit="s")
-    """Of the motor's drive."""
+    """Delay of the motor's drive."""
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         wd, wm = x[1:3]
@@ -71,7 +71,7 @@ class CoulombString(DrillString):
         return self.friction(x) / self.bit_inertia
 
     def friction(self, x: Sequence[Scalar]) -> Scalar:
-        """Of the bit [N m]."""
+        """Friction of the bit [N m]."""
         return self.coulomb
 
 
@@ -98,7 +98,7 @@ class DahlString(CoulombString):
     """s0."""
 
     def bristles(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """Their stiffness [1/s^2]."""
+        """Stiffness of the bristles [1/s^2]."""
         return self.bristle_stiffness / self.bit_inertia
 
 
@@ -106,8 +106,8 @@ class DahlString(CoulombString):
 class HystereticString(CoulombString):
     """Tf = Tc [1 + (Ts - Tc) / Tc exp(-a1 |wd| / (|wd'| + a2)) sgn(wd wd')] sgn wd.
 
-    More while the bit gathers speed than while it loses it; at rest up to Ts. wd' is that under Tc alone, so that the
-    law says it.
+    It is higher while the bit accelerates than while it decelerates, and up to Ts at rest. wd' is the acceleration
+    under Tc alone, so that the law is explicit.
     """
 
     static_excess: float = bounded(0.20, 0.0, 2.0, start=0.1, unit="N m")
@@ -130,7 +130,7 @@ class BrakedString(StribeckString):
     states = ("twist [rad]", "bit_speed [rad/s]", "top_speed [rad/s]", "brake [N m]")
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        """The brake stays. An estimate of it is negative where the bit has less friction than Tc; below -Tc, where it
+        """The brake is constant. An estimate is negative where the bit has less friction than Tc; below -Tc, where it
         would push, it returns.
         """
         return *super().law(x, u), maximum(-self.coulomb - x[3], 0.0) / MOMENT
@@ -139,7 +139,7 @@ class BrakedString(StribeckString):
         return maximum(super().friction(x) + x[3], 0.0)
 
     def record_map(self) -> RecordMap:
-        """Only the twist is unobserved: records that it is identified from were made with the brake off."""
+        """Only the twist is unobserved, since records for identification are made with the brake off."""
         return replace(super().record_map(), unobserved=[0])
 
 

@@ -20,7 +20,7 @@ from hybrid_sysid_ros.support.arrays import Array
 class FlexibleJoint(System):
     """J d'' = tau - t(d - q) - Ff,  I q'' = t(d - q): motor angle d, link angle q [rad], torque tau [N m].
 
-    A linear spring, t = Ke (d - q); what Ff is says a subclass.
+    The spring is linear, t = Ke (d - q); a subclass defines Ff.
     """
 
     states = ("motor_angle [rad]", "link_angle [rad]", "motor_speed [rad/s]", "link_speed [rad/s]")
@@ -45,11 +45,11 @@ class FlexibleJoint(System):
         return self.spring * twist
 
     def feature(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        """Both turn on and on: what the twist is matters, and no angle."""
+        """Both angles are without limits, so only the twist and no angle is a feature."""
         return x[0] - x[1], x[2], x[3], u[0]
 
     def record_map(self) -> RecordMap:
-        """The motor's angle shows the link's, but for the twist: that follows from what it does, I q'' = Ke (d - q)."""
+        """The motor's angle shows the link's except for the twist, which follows from I q'' = Ke (d - q)."""
         known = super().record_map()
 
         def states_from_record(outputs: Array, rates: Array, inputs: Array) -> Array:
@@ -111,7 +111,7 @@ class DahlJoint(FlexibleJoint):
         return self.coulomb / self.motor_inertia
 
     def stiffness(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """Of the bristles [1/s^2]."""
+        """Stiffness of the bristles [1/s^2]."""
         return self.bristle_stiffness / self.motor_inertia
 
 
@@ -127,11 +127,11 @@ class LugreJoint(StribeckJoint):
     """s1."""
 
     def stiffness(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """Of the bristles [1/s^2]."""
+        """Stiffness of the bristles [1/s^2]."""
         return self.bristle_stiffness / self.motor_inertia
 
     def damping(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """Of the bristles [1/s]."""
+        """Damping of the bristles [1/s]."""
         return self.bristle_damping / self.motor_inertia
 
 

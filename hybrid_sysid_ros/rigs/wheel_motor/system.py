@@ -26,13 +26,13 @@ class WheelMotor(System):
     time_constant: float = bounded(0.09, 0.01, 1.0, start=0.05, unit="s")
     """tau."""
     dead_zone: float = bounded(30.0, 0.0, 100.0, start=10.0, unit="counts")
-    """U0: of the bridge, which below it does not drive."""
+    """U0 of the bridge, which does not drive below it."""
     rounding: float = bounded(5.0, 1.0, 30.0, start=5.0, spread=3.0, unit="counts")
-    """Of the dead zone's corners."""
+    """Width of the dead zone's rounded corners."""
     coulomb: float = bounded(0.84, 0.0, 10.0, start=0.5, unit="rad/s")
-    """wc, 8 rpm: dry friction of gear and bearings as the speed that it takes away."""
+    """wc, 8 rpm: dry friction of gear and bearings, as a loss of speed."""
     pwm_delay: float = bounded(0.015, 0.0, 0.05, start=0.005, unit="s")
-    """From command to drive."""
+    """Delay from command to drive."""
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         return (self.gain * (u[0] - saturate(u[0], self.dead_zone, self.rounding)) / self.time_constant,)
@@ -42,5 +42,5 @@ class WheelMotor(System):
         return self.coulomb / self.time_constant
 
     def rate(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """Of the lag [1/s]."""
+        """Rate of the lag [1/s]."""
         return 1.0 / self.time_constant

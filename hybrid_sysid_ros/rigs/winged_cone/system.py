@@ -22,7 +22,7 @@ from hybrid_sysid_ros.core.mathematics import Scalar, cos, exp, sided, sin
 GRAVITY = 3.93604e14
 """mu of the Earth [m^3/s^2]."""
 RADIUS = 6.371387e6
-"""Of the Earth [m]."""
+"""Radius of the Earth [m]."""
 SPEED, HEIGHT = 4590.29, 33_528.0
 """V0 [m/s], Mach 15, and h0 [m]."""
 ANGLE, THROTTLE, ELEVATOR = 0.031226192616502568, 0.17618746017211018, -0.006945313080489634
@@ -30,7 +30,7 @@ ANGLE, THROTTLE, ELEVATOR = 0.031226192616502568, 0.17618746017211018, -0.006945
 CORNER = 0.02
 """Width over which solvers see the thrust's corner at full throttle rounded [1]."""
 THIRD = 3.0**-0.5
-"""Deviation of what lies anywhere within +-1."""
+"""Standard deviation of a uniform distribution over +-1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,13 +71,13 @@ class ConstantAirCone(System):
     mass: float = bounded(136_818.0, 132_713.46, 140_922.54, spread=0.03 * THIRD * 136_818.0, unit="kg")
     """m, known within 3 %."""
     inertia: float = bounded(9.4907e6, 9.300886e6, 9.680514e6, spread=0.02 * THIRD * 9.4907e6, unit="kg m^2")
-    """I, about the pitch axis, known within 2 %."""
+    """I, around the pitch axis, known within 2 %."""
     area: float = bounded(334.73, 324.6881, 344.7719, spread=0.03 * THIRD * 334.73, unit="m^2")
     """S, of the wing, known within 3 %."""
     chord: float = bounded(24.384, 24.335232, 24.432768, spread=0.002 * THIRD * 24.384, unit="m")
     """c, mean aerodynamic, known within .2 %."""
     density: float = bounded(1.0, 0.97, 1.03, spread=0.03 * THIRD, unit="1")
-    """1 + d rho: the air's, in that of the standard, known within 3 %."""
+    """1 + d rho: density of the air, relative to the standard, known within 3 %."""
     elevator_moment: float = bounded(0.0292, 0.028324, 0.030076, spread=0.03 * THIRD * 0.0292, unit="1/rad")
     """ce: pitch moment of the elevator, known within 3 %."""
     engine_rate: float = bounded(20.0, 1.0, 100.0, unit="rad/s", fixed=True)
@@ -129,7 +129,7 @@ class ConstantAirCone(System):
 
 @dataclass(frozen=True, kw_only=True)
 class KnownAirCone(ConstantAirCone):
-    """The same in air whose density falls with height, 1.2266 exp(-h / 7315.2) kg/m^3."""
+    """The cone in air whose density falls with height, 1.2266 exp(-h / 7315.2) kg/m^3."""
 
     def air(self, h: Scalar) -> Scalar:
         return 1.22660 * exp(-h / 7315.2) * self.density
@@ -137,7 +137,7 @@ class KnownAirCone(ConstantAirCone):
 
 @dataclass(frozen=True, kw_only=True)
 class QuasiSteadyCone(KnownAirCone):
-    """The same whose engine is where it is told to be, b = bc: for plans by the second, of which it takes a tenth."""
+    """The cone with an engine that follows at once, b = bc, for plans in intervals of a second, ten times its lag."""
 
     states: ClassVar[Any] = (
         "speed [m/s]", "path_angle [rad]", "height [m]", "angle_of_attack [rad]", "pitch_rate [rad/s]",
@@ -160,9 +160,9 @@ class WingedCone(KnownAirCone):
     """
 
     elevator_lift: float = bounded(1.0, 0.0, 1.0, unit="1", fixed=True)
-    """kl: lift of the elevator, by which the height first goes the wrong way; 0: without."""
+    """kl: lift of the elevator, by which the height responds in the wrong direction at first; 0: none."""
     thrust_loss: float = bounded(1.0, 0.0, 1.0, unit="1", fixed=True)
-    """kt: loss of thrust where the air comes from another side; 0: without."""
+    """kt: loss of thrust at other angles of attack; 0: none."""
 
     def forces(self, v: Scalar, h: Scalar, a: Scalar, de: Scalar) -> Sequence[Scalar]:
         mach = v / sound(h)
@@ -179,12 +179,12 @@ class WingedCone(KnownAirCone):
 
 
 def engine(b: Scalar) -> Scalar:
-    """Thrust at a throttle, in that at full throttle."""
+    """Thrust at a throttle, relative to full throttle."""
     return 1.0 + sided(b - 1.0, 0.15 / 1.15, 1.0, over=CORNER)
 
 
 def sound(h: Scalar) -> Scalar:
-    """Its speed at a height [m/s]."""
+    """Speed of sound at a height [m/s]."""
     return 2.9495e-8 * h * h - 9.16e-4 * h + 303.5808
 
 
