@@ -148,9 +148,7 @@ def test_all_is_reached_and_stop_never_leaves_the_screen(page: browser.Browser, 
 def test_all_is_done_by_keyboard_alone(page: browser.Browser, shown_rig: ShownRig) -> None:
     page.evaluate("window.isOld = true")
     page.call("Page.reload")  # the Tab key goes on from where somebody has been
-    page.until(
-        "document.readyState == 'complete' && +fps.textContent > 0 && !document.querySelector('#kinds *').disabled"
-    )
+    page.until("!window.isOld && Number(document.getElementById('fps')?.textContent) > 0")
     page.evaluate("weights.open = true")
     page.until("!document.querySelector('[data-weight]').disabled && !estop.hidden")
     wanted = set(page.evaluate(f"{CONTROLS}.filter(e => !e.disabled).map((e, k) => e.dataset.at = String(k))"))
