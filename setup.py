@@ -19,6 +19,16 @@ def nodes(manifest):
     return [key.value for table in tables for key in table.keys]
 
 
+def pages():
+    """Pages of the documentation and their pictures by folder, laid out as here, so that their links work."""
+    folders = {}
+    for place in ("docs", f"{NAME}/extensions/*/docs"):
+        for page in sorted(glob(f"{place}/**/*.*", recursive=True)):
+            if page.endswith((".md", ".svg", ".png")):
+                folders.setdefault(str(Path(page).parent), []).append(page)
+    return folders
+
+
 NODES = [node for manifest in MANIFESTS for node in nodes(manifest)]
 PIP = not {"bdist_wheel", "dist_info", "editable_wheel", "sdist"}.isdisjoint(sys.argv)
 
@@ -54,6 +64,7 @@ setup(
         (f"share/{NAME}", ["package.xml", "CHANGELOG.rst"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("msgs_config/*.yaml"))),
+        *((f"share/{NAME}/{folder}", files) for folder, files in pages().items()),
         *links,
     ],
     distclass=DistributionWithData,

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import platform
 import re
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from hybrid_sysid_ros import identification, models
 from hybrid_sysid_ros.bags import read
-from hybrid_sysid_ros.commands.terminal import RigName, end, print_table, status
+from hybrid_sysid_ros.commands.terminal import Json, RigName, console, end, status
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.rigs import check as rig_check
@@ -132,20 +133,28 @@ class Checks:
         )
 
 
-def command(rig: RigName = "") -> None:
-    """Check the installation: packages, rig, bags, model, policy and the ROS 2 loop, each PASS or FAIL."""
-    table, failed = Table("check", "", "seconds", "what was seen"), list[str]()
+def command(rig: RigName = "", as_json: Json = False) -> None:
+    """Check the installation: packages, rig, bags, model, policy and the ROS 2 loop, each PASS or FAIL.
+
+    Laws are compiled once, which takes some two minutes the first time.
+    """
+    found, failed = list[dict[str, Any]](), list[str]()
     with tempfile.TemporaryDirectory() as place:
         checks = Checks(load(rig), Path(place))
+        width = max(map(len, checks.all))
         for name, check in checks.all.items():
             begin = time.perf_counter()
-            try:
-                word, seen = "PASS", check()
-            except NothingShippedError as error:
-                word, seen = "left out", str(error)
-            except UserError as error:
-                word, seen = "FAIL", str(error)
-                failed.append(f"{name}: {error}")
-            table.add_row(name, word, f"{time.perf_counter() - begin:.1f}", seen)
-    print_table(table)
+            with status.status(name):
+                try:
+                    word, seen = "PASS", check()
+                except NothingShippedError as error:
+                    word, seen = "left out", str(error)
+                except UserError as error:
+                    word, seen = "FAIL", str(error)
+                    failed.append(f"{name}: {error}")
+            seconds = round(time.perf_counter() - begin, 1)
+            found.append({"check": name, "result": word, "seconds": seconds, "seen": seen})
+            (status if as_json else console).print(f"{name:<{width}}  {word:<8}  {seconds:>5} s  {seen}")
+    if as_json:
+        console.print(json.dumps(found, indent=2))
     end(failed)

@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.terminal import Driver, Recover, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Driver, Json, Overwrite, Recover, RigName, console, print_table, status
 from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison, compare
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
@@ -36,6 +36,8 @@ def command(
         Path | None, typer.Option(help="Policy folder; by default the policy that the bag was recorded with.")
     ] = None,
     recover: Recover = False,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
 ) -> None:
     """Send what a bag recorded of a loop through estimator and controller again, and compare the answers."""
     session.check_ros()
@@ -45,7 +47,7 @@ def command(
     if out is not None:
         report.check_available()
         make_folder(out)
-        check_folder(out / BAG, marker=bags.markers(out / BAG))
+        check_folder(out / BAG, marker=bags.markers(out / BAG), replace=overwrite)
         for name in (NUMBERS, PAGE):
             check_file(out / name)
     with TemporaryDirectory() as scratch:
@@ -58,11 +60,14 @@ def command(
         else "recorded in real time, so that references and ages differ a little"
     )
     summary = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.change_summary(plan.changes)}."
-    console.print(summary)
-    for table in tables(comparison):
-        print_table(table)
+    content = {"bag": str(bag), "lockstep": plan.lockstep, "parameters": plan.source, **comparison.content}
+    if as_json:
+        console.print(json.dumps(content, indent=2))
+    else:
+        console.print(summary)
+        for table in tables(comparison):
+            print_table(table)
     if out is not None:
-        content = {"bag": str(bag), "lockstep": plan.lockstep, "parameters": plan.source, **comparison.content}
         with written_file(out / NUMBERS) as partial:
             partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         provenance = report.Provenance(
@@ -72,7 +77,7 @@ def command(
         )
         title = f"{plan.rig.name}: replay of {bags.name_of(bag)}"
         write_replay(out / PAGE, comparison, title, summary, provenance)
-        console.print(f"report: {out / PAGE}   numbers: {out / NUMBERS}   bag: {out / BAG}")
+        (status if as_json else console).print(f"report: {out / PAGE}   numbers: {out / NUMBERS}   bag: {out / BAG}")
 
 
 def tables(comparison: Comparison) -> list[Table]:

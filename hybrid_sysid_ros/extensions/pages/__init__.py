@@ -1,0 +1,1 @@
+"""Pages: the documentation, read where it was installed."""

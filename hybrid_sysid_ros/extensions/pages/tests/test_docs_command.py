@@ -1,0 +1,38 @@
+"""The pages are read where they lie, in a checkout and where a wheel put them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hybrid_sysid_ros.extensions.pages.commands import docs
+from tests.command_line import refused
+
+ROOT = Path(docs.__file__).parents[4]
+
+
+def test_every_page_has_a_name_of_its_own():
+    found = docs.pages()
+    assert sorted(found.values()) == sorted(
+        [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("hybrid_sysid_ros/extensions/*/docs/**/*.md")]
+    )
+
+
+def test_a_page_is_printed_as_it_is_where_nobody_reads_it(command):
+    status, out, _ = command("docs", "concepts")
+    assert (status, out) == (0, (ROOT / "docs" / "concepts.md").read_text(encoding="utf-8"))
+    assert str(ROOT / "docs" / "concepts.md") in command("docs")[1]
+    refused(command("docs", "concpts"), "no page concpts", "concepts")
+
+
+def test_pages_are_found_where_a_wheel_was_installed(monkeypatch, tmp_path):
+    page = tmp_path / "share" / "docs" / "concepts.md"
+    page.parent.mkdir(parents=True)
+    page.write_text("# Concepts\n")
+
+    class Installed(str):
+        def locate(self) -> Path:
+            return tmp_path / self
+
+    monkeypatch.setattr(docs, "CHECKOUT", tmp_path / "nowhere")
+    monkeypatch.setattr(docs, "files", lambda name: [Installed("share/docs/concepts.md")])
+    assert docs.pages() == {"concepts": page}
