@@ -247,6 +247,7 @@ def test_its_three_steps_are_told() -> None:
         outputs=np.concatenate([np.zeros((1, 2)), unseen.outputs[1:]]),  # it begins at rest
         rates=0.0 * unseen.outputs,
         means=np.concatenate([np.zeros((1, 2)), means[1:], means[-1:]]),
+        measured=None,
     )
     stages = structure_of("residual", Belt()).stages(system)
     rows = {(row.stage, row.output): row for row in compare_stages(stages, record)}
