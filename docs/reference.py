@@ -31,7 +31,7 @@ def page(name: str, lines: Iterator[str]) -> None:
 
 def commands() -> Iterator[str]:
     """Every command with its help, as it prints it."""
-    yield "# Commands\n"
+    yield "# Commands\n\nFor everybody who looks up a command's arguments and options, as `-h` prints them.\n"
     for words, description in extensions.commands().items():
         made, called = LateCommand(words, *description).made(), f"hybrid-sysid {words}"
         context = made.context_class(made, info_name=called, terminal_width=110, max_content_width=110)
@@ -42,20 +42,19 @@ def every_parameter() -> Iterator[str]:
     """Every parameter of every node, as msgs_config declares it."""
     example = rigs.load(rigs.default())
     yield (
-        "# Parameters\n\nParameters of every node, with the values of the rig "
-        + example.name
-        + ". A live parameter may be set while the node runs.\n"
+        "# Parameters\n\nFor everybody who sets a parameter of a node. The defaults are those of the rig "
+        f"{example.name}. A live parameter may be set while the node runs.\n"
     )
     for node in declarations():
         yield f"\n## {node}\n\n| parameter | default | what it is |\n|---|---|---|"
         for name, item in parameters(example, node).items():
-            yield f"| `{name}` | `{item.default!r}` | {item.said.replace('|', '/')} |"
+            yield f"| `{name}` | `{item.default!r}` | {item.comment.replace('|', '/')} |"
 
 
 def every_topic() -> Iterator[str]:
     """Every topic, who publishes and hears it, and how it is carried."""
     nodes = {node: _class_of(node) for node in declarations()}
-    yield "# Topics and services\n\nAll names are relative but `/diagnostics`.\n"
+    yield "# Topics and services\n\nFor engineers who connect other nodes. All names are relative but `/diagnostics`.\n"
     yield "| topic | type | published by | subscribed by | reliability | durability | depth |\n" + "|---" * 7 + "|"
     for name, kind in topics.TYPES.items():
         quality = topics.qualities()[name]
@@ -80,7 +79,8 @@ def _class_of(node: str) -> type[RigNode]:
 
 def library() -> Iterator[str]:
     """The public names, then the packages behind them: what their __init__ offers."""
-    yield "# Library\n\n## `import hybrid_sysid_ros as hs`\n\nThese names are public. All else may change.\n"
+    yield "# Library\n\nFor everybody who calls the package from Python.\n"
+    yield "\n## `import hybrid_sysid_ros as hs`\n\nThese names are public. All else may change.\n"
     for name in hs.__all__:
         found = getattr(hs, name)
         yield f"\n::: {found.__module__}.{found.__qualname__}\n"

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import re
+import runpy
 import shlex
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -68,6 +72,22 @@ def test_no_group_of_the_site_has_more_than_seven_entries() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
     groups = list(_groups(yaml.safe_load(navigation.partition("\n")[2])))
     assert [group for group in groups if len(group) > 7] == []
+
+
+def test_the_reference_is_made_of_the_code(monkeypatch) -> None:
+    written: dict[str, io.StringIO] = {}
+
+    def opened(name: str, mode: str) -> io.StringIO:
+        assert mode == "w"
+        written[name] = io.StringIO()
+        monkeypatch.setattr(written[name], "close", lambda: None)
+        return written[name]
+
+    monkeypatch.setitem(sys.modules, "mkdocs_gen_files", SimpleNamespace(open=opened))
+    runpy.run_path(str(ROOT / "docs" / "reference.py"))
+    assert "rate_weight" in written["reference/parameters.md"].getvalue()
+    assert "## hybrid-sysid identify" in written["reference/commands.md"].getvalue()
+    assert written.keys() == {f"reference/{name}.md" for name in ("commands", "parameters", "topics", "library")}
 
 
 def test_every_command_is_on_some_page() -> None:
