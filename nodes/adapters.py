@@ -48,7 +48,7 @@ and the way back may be long."""
 GAP = 3.5  # periods without a measurement, after which innovations say nothing against the sensors for a while
 LONGEST = 0.05  # s, that one measurement counts as evidence, however long ago the last one was
 OF_PROBLEM = {
-    *("output_weight", "rate_weight", "input_weight", "rate_limit", "input_low", "input_high"),
+    *("output_weight", "rate_weight", "input_weight", "input_rate", "limits", "input_low", "input_high"),
     *("state_low", "state_high", "soft_linear", "soft_quadratic"),
 }
 """Parameters that a network was trained with."""

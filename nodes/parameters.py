@@ -13,9 +13,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from hybrid_sysid_ros.nodes.topics import check_override
 from hybrid_sysid_ros.rigs.rig import default
-from hybrid_sysid_ros.runtime.parameters import NodeParameter, check_rules, declarations, parameters
-from hybrid_sysid_ros.support import errors
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.runtime.parameters import NodeParameter, check_rules, declarations, parameters, unknown
 
 RIG = NodeParameter(name="rig", default="", description="Rig, by its name or by the path of its folder")
 OF_ROS = ("use_sim_time", "start_type_description_service")
@@ -53,7 +51,7 @@ def declare(
     others = {name for names in declarations().values() for name in names} - known.keys()
     for name in given.keys() - others:
         if name not in known:
-            raise UserError(f"unknown parameter {name}: {errors.known(name, known)}")
+            raise unknown(name, known)
     values = {name: item.checked(given.get(name, item.default)) for name, item in known.items()}
     check_rules(known, values)
     for name, item in known.items():

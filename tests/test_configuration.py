@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -23,6 +24,48 @@ def of_residual(physics: System) -> System:
     """A model of one step and many parameters; without its extension the test is skipped."""
     system: System = pytest.importorskip("hybrid_sysid_ros.extensions.narx.tests.systems").residual(physics)
     return system
+
+
+@pytest.fixture
+def limited(rig: Rig) -> Rig:
+    """The beam with a slow drive, and valid at low speeds only."""
+    actuator = dataclasses.replace(rig.actuators[0], rate=40.0)
+    validity = np.array([[-math.inf, -0.5], [math.inf, 0.5]])
+    return dataclasses.replace(rig, actuators=(actuator,), validity=validity)
+
+
+def test_limits_of_a_rig_are_those_of_its_mpc(limited: Rig) -> None:
+    values = configuration.defaults("cam_beam", "controller")
+    problem = configuration.mpc_problem(values | {"limits": "rig"}, limited)
+    end = limited.travel[1, 0]
+    assert (problem.state_low, problem.state_high) == ((-end, -0.5), (end, 0.5))
+    assert problem.rate_limits == (40.0 * values["period"],)
+    scale = limited.display[0].scale
+    assert problem.soft_quadratic[0] >= 100.0 * values["output_weight"][0] / scale**2
+    own = configuration.mpc_problem(values | {"limits": "own"}, limited)
+    assert own == configuration.mpc_problem(values, limited)  # as the policy of the beam was trained
+    assert (own.rate_limits, own.state_high) == ((math.inf,), (math.inf, math.inf))
+
+
+def test_own_limits_come_before_those_of_the_rig(limited: Rig) -> None:
+    values = configuration.defaults("cam_beam", "controller") | {"limits": "rig"}
+    values |= {"state_high": [0.1, 1e9], "input_rate": [10.0]}
+    problem = configuration.mpc_problem(values, limited)
+    assert problem.state_high == (0.1, 0.5)
+    assert problem.rate_limits == (10.0 * values["period"],)
+    guard = configuration.guard_settings(values, limited, limited.system)
+    assert guard.rate.tolist() == [10.0]  # whatever law drives
+    assert guard.state_high.tolist() == [limited.travel[1, 0], 0.5]
+
+
+def test_references_stay_within_travel_and_validity(limited: Rig) -> None:
+    narrow = dataclasses.replace(limited, validity=np.array([[-0.1, -math.inf], [0.2, math.inf]]))
+    assert narrow.reach[:, 0].tolist() == pytest.approx([-0.1 + 0.02 * 0.3, 0.2 - 0.02 * 0.3])
+
+
+def test_a_parameter_of_another_name_says_so(rig: Rig) -> None:
+    _, problems = parameters.settings(rig, "controller", {"rate_limit": [2.0]})
+    assert problems == ["controller: unknown parameter rate_limit: " + parameters.RENAMED["rate_limit"]]
 
 
 @pytest.fixture

@@ -262,11 +262,12 @@ def test_the_exact_mpc_answers_and_shows_its_plan(bench: Bench, model_folder: Pa
     assert plans[0].points[-1].positions[0] == pytest.approx(VOLT, rel=0.1)
 
 
-def test_the_exact_mpc_keeps_a_rate_limit(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
-    wheel = Wheel(bench, model_folder, policy_folder, lockstep=True, policy="exact", rate_limit=0.5)
+def test_the_input_changes_no_faster_than_it_may(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, lockstep=True, policy="exact", input_rate=100.0)
     wheel.refer([VOLT] * 3)
     commands = [wheel.command(0.0) for _ in range(4)]
-    np.testing.assert_allclose(np.diff(commands, prepend=0.0), 0.5, atol=1e-6)
+    assert commands[0] == pytest.approx(100.0 * wheel.controller.adapter.controller.period)  # since no command before
+    np.testing.assert_allclose(np.diff(commands), 100.0 * 0.005, atol=1e-6)
 
 
 @pytest.fixture

@@ -108,17 +108,23 @@ class Rig:
     @property
     def travel_of_outputs(self) -> NDArray[np.float64]:
         """Travel of each output that is a state, (2, outputs); infinite for others."""
+        return self._of_outputs(self.travel)
+
+    def _of_outputs(self, limits: NDArray[np.float64]) -> NDArray[np.float64]:
         names = [item.name for item in self.system.states]
         found = np.tile([[-np.inf], [np.inf]], len(self.system.outputs))
         for index, item in enumerate(self.system.outputs):
             if item.name in names:
-                found[:, index] = self.travel[:, names.index(item.name)]
+                found[:, index] = limits[:, names.index(item.name)]
         return found
 
     @property
     def reach(self) -> NDArray[np.float64]:
-        """Lowest and highest reference of each output, (2, outputs), within its travel."""
+        """Lowest and highest reference of each output, (2, outputs), within its travel and validity."""
         low, high = self.travel_of_outputs
+        if self.validity is not None:
+            valid = self._of_outputs(self.validity)
+            low, high = np.maximum(low, valid[0]), np.minimum(high, valid[1])
         margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
         return np.array([low + margin, high - margin])
 

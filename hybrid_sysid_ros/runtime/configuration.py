@@ -21,6 +21,7 @@ from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, fee
 from hybrid_sysid_ros.estimation import SensorChannel, Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.limits import FREE, input_rates, least_prices, state_bounds
 from hybrid_sysid_ros.runtime.parameters import (
     TRAINED,
     NodeParameter,
@@ -136,20 +137,30 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighted in display units.
 
     system: the MPC's model, by default the rig's system. States that only the model has are unbounded. A model that
-    holds only at its own step is predicted with that step, whatever `substeps` is.
+    holds only at its own step is predicted with that step, whatever `substeps` is. Where `limits` is `rig`, the rig's
+    travel and validity bound the states softly, and the rates of its actuators the changes of inputs, unless a
+    stabiliser has a part in these.
     Raises UserError for a number that makes no valid problem.
     """
     system = system or rig.system
+    kept = values["limits"] == "rig"
+    of_rig = state_bounds(rig) if kept else {}
     states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
 
     def of_inputs(name: str) -> tuple[float, ...]:
         return listed(values, name, "parameter", inputs)
 
-    def of_states(name: str, other: float, *, none: float = math.inf) -> tuple[float, ...]:
+    def of_states(name: str, other: float, end: int | None = None) -> tuple[float, ...]:
+        """end: 0 for lower bounds, 1 for upper ones, which the rig has where the parameters have none."""
         given = zip((item.name for item in rig.system.states), listed(values, name, "parameter", states), strict=True)
-        known = {state: value if abs(value) < none else math.copysign(math.inf, value) for state, value in given}
-        return tuple(known.get(item.name, other) for item in system.states)
+        own = {state: value for state, value in given if end is None or abs(value) < NONE}
+        others = {} if end is None else {state: ends[end] for state, ends in of_rig.items()}
+        return tuple({**others, **own}.get(item.name, other) for item in system.states)
 
+    prices = of_states("soft_quadratic", 1.0)
+    least = least_prices(listed(values, "output_weight", "parameter", outputs), rig, of_rig)
+    prices = tuple(max(price, least.get(item.name, 0.0)) for price, item in zip(prices, system.states, strict=True))
+    rates = input_rates(of_inputs("input_rate"), rig if kept and not isinstance(system, Stabilised) else None)
     low, high = rig.limits
     return ControlProblem(
         horizon=values["horizon"],
@@ -163,11 +174,11 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
         input_weights=of_inputs("input_weight"),
-        rate_limits=tuple(limit or math.inf for limit in of_inputs("rate_limit")),
-        state_low=of_states("state_low", -math.inf, none=NONE),
-        state_high=of_states("state_high", math.inf, none=NONE),
+        rate_limits=tuple((values["period"] * rates).tolist()),
+        state_low=of_states("state_low", -math.inf, 0),
+        state_high=of_states("state_high", math.inf, 1),
         soft_linear=of_states("soft_linear", 0.0),
-        soft_quadratic=of_states("soft_quadratic", 1.0),
+        soft_quadratic=prices,
     ).sized(system)
 
 
@@ -202,9 +213,8 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
     crossing = [item.scale * (item.high - item.low) / RESUME_SECONDS if item.moves else NONE for item in ranges]
     rates = in_si(listed(values, "resume_rate", "parameter", len(ranges)), rig)
     low, high = rig.limits
-    bounds = rig.travel if rig.validity is None else _within(rig.travel, rig.validity)
-    known = dict(zip((item.name for item in rig.system.states), bounds.T.tolist(), strict=True))
-    state_low, state_high = np.array([known.get(item.name, [-math.inf, math.inf]) for item in system.states]).T
+    known = state_bounds(rig)
+    state_low, state_high = np.array([known.get(item.name, FREE) for item in system.states]).T
     return GuardSettings(
         act=values["distrust"] == "act",
         ladder=Ladder(values["slow_after"], values["hold_after"], values["rest_after"]),
@@ -213,21 +223,17 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
         tolerance=values["actuator_tolerance"],
         low=low,
         high=high,
-        rate=np.array([actuator.rate for actuator in rig.actuators]),
+        rate=input_rates(listed(values, "input_rate", "parameter", len(rig.actuators)), rig),
         state_low=state_low,
         state_high=state_high,
     )
-
-
-def _within(first: Array, second: Array) -> Array:
-    """What two ranges (2, states) have in common."""
-    return np.array([np.maximum(first[0], second[0]), np.minimum(first[1], second[1])])
 
 
 def _violation(values: Mapping[str, Any], rig: Rig) -> float:
     """The least noise of the measured states that have bounds, or of all outputs if none of these is measured."""
     limits = zip(rig.system.states, values["state_low"], values["state_high"], strict=True)
     bounded = {item.name for item, low, high in limits if max(low, -high) > -NONE}
+    bounded |= state_bounds(rig).keys() if values["limits"] == "rig" else set()
     noise = dict(zip((item.name for item in rig.system.outputs), _noise(rig).tolist(), strict=True))
     return min(value for name, value in noise.items() if name in bounded or not bounded & noise.keys())
 

@@ -24,6 +24,7 @@ Declarations = dict[str, dict[str, dict[str, Any]]]
 EACH = ("input", "output", "state")
 OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "--layers"}
 """Options of commands for another folder than the one that comes with the package."""
+RENAMED = {"rate_limit": "rates are per second now, not per interval of the MPC: give input_rate, rate_limit / period"}
 TRAINED = Path(__file__).parents[1] / "trained"
 
 
@@ -133,6 +134,11 @@ def parameters(rig: Rig | str, node: str) -> dict[str, NodeParameter]:
     return found
 
 
+def unknown(name: str, known: Mapping[str, Any]) -> UserError:
+    """That there is no such parameter, and which there are."""
+    return UserError(f"unknown parameter {name}: {RENAMED.get(name) or errors.known(name, known)}")
+
+
 def settings(rig: Rig, node: str, given: Mapping[str, Any]) -> tuple[dict[str, Any] | None, list[str]]:
     """All values of a node where some are given, by name, and a line for each that is wrong. Those that are against a
     rule are there, None where one is unknown or not allowed. Raises UserError where there is no such node.
@@ -144,7 +150,7 @@ def settings(rig: Rig, node: str, given: Mapping[str, Any]) -> tuple[dict[str, A
     for name, value in given.items():
         with collected(wrong, f"{node}: "):
             if name not in known:
-                raise UserError(f"unknown parameter {name}: {errors.known(name, known)}")
+                raise unknown(name, known)
             values[name] = known[name].checked(value)
     if not broken:
         with collected(broken):
@@ -162,8 +168,9 @@ def _described(rig: Rig, node: str) -> tuple[dict[str, NodeParameter], list[str]
     found: dict[str, NodeParameter] = {}
     with collected(problems):
         refuse_unknown(given, tuple(declared), f"{where}: nodes")
-    with collected(problems):
-        refuse_unknown(values, tuple(declared[node]), f"{where}: nodes.{node}")
+    for name in (str(name) for name in values if name not in declared[node]):
+        with collected(problems, f"{where}: nodes.{node}: "):
+            raise unknown(name, declared[node])
     for name, entry in declared[node].items():
         fitted = {**entry, "unit": _unit(entry, rig), "count": _count(entry, rig)}
         if entry.get("range") == "ACTUATOR":
