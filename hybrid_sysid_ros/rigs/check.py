@@ -130,12 +130,12 @@ def _values(rig: Rig) -> Iterator[str]:
 
 
 def _remarks(system: System) -> Iterator[str]:
-    """Lines for missing units, and for delays that a controller can't compensate."""
+    """Lines for missing units, and for delays that differ."""
     names = [item.name for item in (*system.states, *system.inputs, *system.outputs) if not item.unit]
     if names:
         yield f'{", ".join(dict.fromkeys(names))}: has no unit; write "angle [rad]", and [1] for plain numbers'
     if len({*system.input_delays}) > 1:
-        yield "the delays of the inputs differ: simulations, fits and estimators know each, the MPC needs one for all"
+        yield "the delays of the inputs differ: a controller lets the faster ones wait for the slowest"
 
 
 def _experiment(rig: Rig) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from hybrid_sysid_ros.control.safety.failsafe import Ladder
 from hybrid_sysid_ros.control.safety.guard import GuardSettings
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.control.waiting_inputs import WaitingInputs
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, feedback_of, offset_of
 from hybrid_sysid_ros.estimation import SensorChannel, Tuning
@@ -68,16 +69,28 @@ def drifting(rig: Rig, system: System) -> System:
 
 
 def controller_model(rig: Rig, system: System) -> System:
-    """The system that a controller predicts: with the rig's offsets, and with its stabiliser where it has one."""
+    """The system that a controller predicts: with the rig's offsets, and with its stabiliser where it has one.
+
+    Raises UserError for a rig with a stabiliser whose inputs have different delays.
+    """
     system = drifting(rig, system)
     if rig.experiments.stabiliser is None:
         return system
+    if np.ptp(system.input_delays):
+        raise UserError(
+            f"rig {rig.name}: its inputs have different delays, {system.input_delays.tolist()} s, and its stabiliser "
+            "can't wait for the slowest: delay the faster inputs as much"
+        )
     return Stabilised(physics=system, gains=tuple(map(tuple, feedback_of(system, rig.experiments.stabiliser).tolist())))
 
 
 def wrap_for_rig(rig: Rig, system: System, controller: Controller) -> Controller:
-    """Wrap a controller of a :func:`controller_model` so that it gives the inputs of the rig."""
-    return Cascade(controller, system, rig.limits) if isinstance(system, Stabilised) else controller
+    """Wrap a controller of a :func:`controller_model` so that it gives the inputs of the rig, each when it is due."""
+    if isinstance(system, Stabilised):
+        return Cascade(controller, system, rig.limits)
+    if np.ptp(system.input_delays):
+        return WaitingInputs(controller, system, step=system.sampling_time or rig.step)
+    return controller
 
 
 def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:

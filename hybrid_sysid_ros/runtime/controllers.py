@@ -9,6 +9,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
@@ -70,6 +72,10 @@ def controller_of(
             further: ConfiguredController = extensions.loaded(target)(rig, model, settings)
             return further
     system = controller_model(rig, model.system)
+    if np.ptp(system.input_delays):
+        delays = zip(system.inputs, system.input_delays, strict=True)
+        listed = ", ".join(f"{item.name} {delay:g} s" for item, delay in delays)
+        warn(f"the delays of the inputs differ ({listed}): the faster ones wait for the slowest")
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings) if network is None else Path("policy")
     if path is None or settings["policy"] == "exact":

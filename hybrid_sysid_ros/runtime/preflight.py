@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from hybrid_sysid_ros.control.mpc.shooting import one_delay
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
@@ -36,12 +35,18 @@ def of_rig(rig: Rig) -> list[str]:
     if loop.keys() < declarations().keys():
         return problems
     controller = loop["controller"]
-    system = configuration.controller_model(rig, rig.system)
     period = 1.0 / loop["plant"]["rate"]
+
+    def problem() -> object:
+        return configuration.mpc_problem(controller, rig, configuration.controller_model(rig, rig.system))
+
     made: tuple[tuple[str, Callable[[], object]], ...] = (
         ("nodes.plant.rate", lambda: rig.steps(period, "its period")),
         ("nodes.controller.period", lambda: rig.steps(controller["period"], "it")),
-        ("nodes.controller", lambda: one_delay(system, configuration.mpc_problem(controller, rig, system))),
+        (
+            "nodes.controller",
+            lambda: configuration.mpc_problem(controller, rig, configuration.controller_model(rig, rig.system)),
+        ),
         ("nodes.estimator", lambda: configuration.estimator_tuning(loop["estimator"], rig)),
     )
     problems += _disagreements(rig, {}, loop, controller["horizon"] * controller["period"])

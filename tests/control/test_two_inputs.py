@@ -1,6 +1,6 @@
 """The exact MPC of two inputs and two outputs: least squares where it is linear, IPOPT where it is not."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.shooting import rollout, shooting
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.support.errors import UserError
 from tests.control.two_inputs import PROBLEM, Arms, Carts, instance
 
 CARTS, ARMS = Carts(), Arms()
@@ -153,16 +152,6 @@ def test_one_iteration_a_call_follows_the_converged_loop():
             total += 200.0 * (np.sin(x[1]) - preview[0, 0]) ** 2
         costs.append(total)
     assert costs[1] == pytest.approx(costs[0], rel=0.05)
-
-
-def test_inputs_of_different_delays_are_refused():
-    @dataclass(frozen=True, kw_only=True)
-    class Late(Carts):
-        delays = {"first_force": 0.1}
-
-    for solver in (ExactMpc, interior_point_mpc):
-        with pytest.raises(UserError, match="different delays"):
-            solver(Late(), PROBLEM)
 
 
 @pytest.mark.parametrize("value", [1e12, 1e300, np.inf, np.nan])

@@ -29,7 +29,6 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
 
 DOUBT = 0.05
 """Share by which the cost of a plan in a feedback phase may exceed the predicted cost."""
@@ -49,10 +48,9 @@ class HorizonMemory:
 def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
     """The memory of a problem.
 
-    Raises UserError for a problem with other numbers of inputs, outputs or states, and for different input delays.
+    Raises UserError for a problem with other numbers of inputs, outputs or states.
     """
     problem = problem.sized(system)
-    one_delay(system, problem)
     horizon, count, m = new_horizon(system, problem), problem.horizon, len(system.inputs)
     hard, soft = count * len(horizon.limits.rated), count * len(horizon.limits.bounded)
     program, memory = quadratic.quadratic_program(
@@ -70,18 +68,6 @@ def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
             if i > 0:
                 program.rows[r * count + i, (i - 1) * m + j] = -1.0
     return HorizonMemory(prediction=prediction(system, problem), horizon=horizon, program=program, memory=memory)
-
-
-def one_delay(system: System, problem: ControlProblem) -> None:
-    """Raise UserError for inputs whose delays differ by more than half an integration step, since a controller gets one
-    state for all inputs.
-    """
-    delays = system.input_delays
-    if np.ptp(delays) > 0.5 * problem.period / problem.substeps:
-        raise UserError(
-            f"{type(system).__name__}: its inputs have different delays, {delays.tolist()} s; the MPC needs one for "
-            "all: delay the faster inputs as much"
-        )
 
 
 # ---------------------------------------------------------------------- trajectories

@@ -9,7 +9,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_horizon, new_instance
-from hybrid_sysid_ros.control.mpc.shooting import bound_inputs, one_delay
+from hybrid_sysid_ros.control.mpc.shooting import bound_inputs
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
@@ -24,7 +24,6 @@ class InteriorPointMpc:
 
     def __init__(self, system: System, problem: ControlProblem, *, tolerance: float = 1e-6) -> None:
         """tolerance: IPOPT's own. Raises UserError for a problem that is not the system's."""
-        one_delay(system, problem)
         self.system = system
         self.problem = problem = problem.sized(system)
         self.horizon = problem.horizon
