@@ -1,4 +1,4 @@
-"""Estimators: what they are told, what may be wrong with it, and what they answer."""
+"""Estimators: their measurements, checks of these, and estimates."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from hybrid_sysid_ros.support.errors import UserError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateEstimate:
-    """What is known after a measurement."""
+    """The estimate after a measurement."""
 
     time: float
-    """Of the newest measurement [s]."""
+    """Time of the newest measurement [s]."""
     state: Array
-    """(states,) at that time."""
+    """State at that time, (states,)."""
     ahead: Array
-    """(states,) that the next command will meet: the longest input delay and the latency later."""
+    """State when the next command acts, after the longest input delay and the latency, (states,)."""
     disturbance: Array
-    """(inputs,): the offset of each input [its unit] with which the system as it was given fits best."""
+    """Offset of each input [its unit] with which the given system fits best, (inputs,)."""
     parameters: Array
-    """The followed ones (followed,), in the tuning's order."""
+    """Followed parameters in the tuning's order, (followed,)."""
     covariance: Array
     """(size, size) of [states, disturbance, sine and cosine of each hum, parameters]."""
     innovation: Array
@@ -46,24 +46,24 @@ class StateEstimate:
 
 @dataclass(kw_only=True)
 class Counters:
-    """What an estimator met; a measurement of two outputs has two values."""
+    """Counters of an estimator; a measurement of two outputs has two values."""
 
     updates: int = 0
-    """Values used."""
+    """Number of values used."""
     delayed: int = 0
-    """Those of them that were older than the newest measurement and were put in their place."""
+    """Number of used values that were older than the newest measurement, and inserted at their times."""
     late: int = 0
-    """Stamps too old for that, or repeated; ignored."""
+    """Number of stamps that were too old for that or repeated, and ignored."""
     missing: int = 0
-    """Measurements that a gap in the stamps swallowed."""
+    """Number of measurements that are missing by a gap in the stamps."""
     invalid: int = 0
     """Values that are NaN or infinite; not used."""
     unknown_inputs: int = 0
     """Inputs that are no numbers; in their place the last known ones hold."""
     gated: int = 0
-    """Outliers by the innovation test; not used."""
+    """Number of outliers by the innovation test, which are not used."""
     resets: int = 0
-    """Returns to the measurement after a run of outliers or a long gap."""
+    """Number of re-initialisations after a run of outliers or a long gap."""
 
 
 class Estimator(ABC):
@@ -130,7 +130,7 @@ class Estimator(ABC):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of the rows of the covariance, with units, (size,)."""
+        """Labels of the covariance's rows, with units, (size,)."""
         system, channels = self.system, self._memory.channels
         hums = [item for item, hum in zip(system.outputs, channels["hum"], strict=False) if hum >= 0]
         units = {item.name: item.unit for item in system.parameters}
@@ -142,11 +142,11 @@ class Estimator(ABC):
         )
 
     def _window_of(self, tuning: Tuning, period: float) -> float:
-        """How far back [s] a measurement may lie that is still used."""
+        """Largest age [s] of a measurement that is still used."""
         return tuning.window
 
     def reset(self) -> None:
-        """Forget everything; the next valid measurement starts afresh."""
+        """Forget everything; the next valid measurement initialises the estimator."""
         self._started = False
         self._last = self._newest = math.nan
         self._arrays["applied"][:] = 0.0
@@ -172,7 +172,7 @@ class Estimator(ABC):
         return self._update_oddly(time, elapsed)
 
     def _update_oddly(self, time: float, elapsed: float) -> StateEstimate:
-        """The first measurement, one after a gap, or one that is late."""
+        """Update with the first measurement, one after a gap, or one that is late."""
         valid = np.isfinite(self._outputs)
         if not math.isfinite(time):
             raise UserError(f"estimator: a measurement is stamped {time}; stamps are seconds")
@@ -252,7 +252,7 @@ class Estimator(ABC):
         return self._sort_out(first, given, delayed, out, P)
 
     def _sort_out(self, first: int, given: Array, delayed: bool, out: Array, P: Array) -> StateEstimate:
-        """Count what was not used, and begin again where a sensor has been an outlier for too long."""
+        """Count unused values, and begin again where a sensor has been an outlier for too long."""
         core, counters = self._memory.core[0], self.counters
         index = int(core["at"])
         readings = self._memory.readings[self._memory.moments["row"][index], first : first + len(given)]
@@ -275,7 +275,7 @@ class Estimator(ABC):
         return self._estimate(out, P)
 
     def _look(self, task: int = LOOK) -> StateEstimate:
-        """The estimate as it is, or as it begins."""
+        """The current or the initial estimate."""
         out, P = np.empty(self._parts[-1]), np.empty((self._size, self._size))
         self._run(self._given, task, 0.0, 0.0, 0, self._outputs, self._applied, out, P)
         return self._estimate(out, P)
@@ -298,7 +298,7 @@ class Estimator(ABC):
         )
 
     def _start(self, time: float, first: int, values: Array) -> StateEstimate:
-        """Begin with values of the channels from ``first`` on, nothing else known."""
+        """Begin with values of the channels from ``first`` on, without other knowledge."""
         self._initialisation.fresh(time, self._applied, first, values)
         self._newest, self._started = time, True
         self._last = time if first == 0 else math.nan

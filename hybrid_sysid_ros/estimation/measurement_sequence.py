@@ -1,7 +1,7 @@
-"""Measurements in the order of their times, however they come, and the beliefs that follow from them. Compiled.
+"""Measurements in the order of their times, in whatever order they come, and the beliefs that follow. Compiled.
 
-Moments of time have readings of channels; past inputs are beside them. What comes late is put in its place, and the
-beliefs from there on are computed again. Functions take the parts of a :class:`~.belief.Memory` by their names.
+Moments of time have readings of channels, and past inputs are kept too. A late measurement is inserted at its time, and
+the beliefs from there on are computed again. Functions take the parts of a :class:`~.belief.Memory` by their names.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from hybrid_sysid_ros.estimation.belief import (
 from hybrid_sysid_ros.support.arrays import Array, Records
 
 SAME = 1e-6
-"""Stamps less than this apart [s] are one."""
+"""Stamps that differ by less [s] are equal."""
 
 MEASURE, BEGIN, LOOK = 0, 1, 2
-"""Tasks: take in a measurement, begin at a moment, tell what is known."""
+"""Tasks: use a measurement, begin at a moment, answer the current estimate."""
 
 NOTHING = -1
-"""In place of a moment: no belief has changed."""
+"""Returned in place of a moment: no belief has changed."""
 
 FINE, ODD, LATE, LOST = 0, 1, 2, 3
-"""Of a measurement: all of it was used; look at its readings; it came too late; nothing finite is left."""
+"""Result of a measurement: all was used; examine its readings; it came too late; nothing finite is left."""
 
 
 @inner
@@ -94,7 +94,7 @@ def after(moments: Records, count: int, time: float) -> int:
 
 @inner
 def forget(core: Any, moments: Records, gone: int) -> None:
-    """Drop the oldest moments; their rows go to the others."""
+    """Drop the oldest moments; their rows become free."""
     for k in range(core.count - gone):
         row = moments[k].row
         moments[k] = moments[k + gone]
@@ -112,7 +112,7 @@ def _empty(moments: Records, readings: Records, index: int, time: float) -> None
 
 @inner
 def _give(core: Any, moments: Records, readings: Records, index: int, first: int, given: Array) -> int:
-    """Write readings where there are none yet; how many."""
+    """Write readings where there are none yet; return their number."""
     row, count = moments[index].row, 0
     core.at = index
     for k in range(given.shape[0]):
@@ -175,7 +175,7 @@ def inputs_to(core: Any, moments: Records, inputs: Array, k: int) -> Array:
 
 @inner
 def count_on(readings: Records, before: int, row: int) -> None:
-    """The outliers in a row so far."""
+    """Carry the numbers of consecutive outliers on."""
     for c in range(readings.shape[1]):
         readings[row, c].outliers = readings[before, c].outliers
 
@@ -214,7 +214,7 @@ def put(
 def replay(
     core: Any, channels: Records, moments: Records, readings: Records, inputs: Array, first: int, predict: Any
 ) -> None:
-    """The beliefs from a moment on, each from that before: predict(core, mean, root, u, h) and correct."""
+    """Compute beliefs from a moment on, each from the previous one: predict(core, mean, root, u, h) and correct."""
     for k in range(first, core.count):
         row = moments[k].row
         mean, root = mean_of(core, row), root_of(core, row)
@@ -225,7 +225,7 @@ def replay(
             copy_matrix(root_of(core, before), root)
             count_on(readings, before, row)
             predict(core, mean, root, u, moments[k].time - moments[k - 1].time)
-        else:  # the belief that everything began with
+        else:  # the initial belief
             for c in range(core.channels):
                 if readings[row, c].fate == USED:
                     readings[row, c].fate = INITIALISED
@@ -264,7 +264,7 @@ def filtered(
     P: Array,
     predict: Any,
 ) -> int:
-    """What a filter does with a task, by its predict(core, mean, root, u, h): see :class:`~.estimator.Estimator`."""
+    """The kernel of a filter with a predict(core, mean, root, u, h); see :class:`~.estimator.Estimator`."""
     cores, channels, moments, readings, inputs = memory
     core, changed = cores[0], NOTHING
     if task == MEASURE:

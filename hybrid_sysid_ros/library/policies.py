@@ -37,7 +37,7 @@ SECONDS = 0.02, 8.0
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Policy(policies.Policy):
-    """A network in place of an MPC, and the model that this MPC has.
+    """A network that replaces an MPC, and the model of this MPC.
 
     ``policy.control(state, disturbance, previous_input, preview)`` answers; ``policy.save(folder)`` keeps it.
     """
@@ -96,12 +96,12 @@ def train_policy(
 ) -> Policy:
     """Train a network that imitates the exact MPC of a rig on a model (extra ``train``).
 
-    episodes: closed loops of each round. rounds: from the second one on the policy drives (DAgger). epochs: of the last
-    round. hidden: widths of the tanh layers. plan: answer with the whole plan, which can be checked and certified.
-    follow: parameters of the model that the policy adapts to, each with its spread. margin: share of a state's range by
-    which the imitated MPC has its bounds tighter. seed: of everything random. workers: processes, 0 for one per core.
-    cluster: address of a Dask scheduler in their place, or local. samples: folder that keeps finished loops, so that a
-    training that was interrupted goes on. progress(stage, done, of).
+    episodes: closed loops in each round. rounds: number of rounds; from the second one on the policy drives (DAgger).
+    epochs: those of the last round. hidden: widths of the tanh layers. plan: give the whole plan, which can be checked
+    and certified. follow: parameters of the model to which the policy adapts, with their spreads. margin: share of a
+    state's range by which the imitated MPC has tighter bounds. seed: random seed. workers: number of processes, 0 for
+    one per core. cluster: address of a Dask scheduler in their place, or local. samples: folder of finished loops, with
+    which an interrupted training continues. progress(stage, done, of): a function that is called during the work.
 
     The defaults take an hour on a few cores. Raises UserError where torch is missing, or a number is out of range.
     """
@@ -129,10 +129,10 @@ def train_policy(
 
 
 def load_policy(folder: str | Path, model: AnyModel | None = None, *, rig: str | Path = "") -> Policy:
-    """Read a policy folder and let it check itself.
+    """Read a policy folder and run its self-check.
 
-    model: that it was trained for, by default the one that comes with the package. rig: folder of its rig, where that
-    is not known by name. Raises UserError where a file is missing or altered, or the policy is for another model.
+    model: the model that it was trained for, by default the one that comes with the package. rig: folder of its rig,
+    where that is not known by name. Raises UserError for a missing or altered file, and another model.
     """
     place = path_of(folder, "folder")
     if rig:
@@ -155,15 +155,15 @@ def certify(
     store: str | Path | None = None,
     progress: StageProgress | None = None,
 ) -> Certificate:
-    """Run random closed loops of a policy beside the exact MPC, and state how often it keeps what, and how surely.
+    """Certify a policy: run random closed loops beside the exact MPC, and bound the rates at which it keeps criteria.
 
-    model: that the policy imitates, by default its own. loops: independent ones. seconds: of a loop, by default as the
-    rig's file says. delta: probability with which one of its bounds may be
-    wrong. seed: of everything random. workers: processes,
-    0 for one per core. cluster: address of a Dask scheduler in their place, or local. store: folder that keeps finished
-    loops, so that a certification that was interrupted goes on. progress(stage, done, of).
+    model: the model that the policy imitates, by default its own. loops: number of independent loops. seconds: length
+    of a loop, by default that of the rig's file. delta: probability with which one of the bounds may be wrong. seed:
+    random seed. workers: number of processes, 0 for one per core. cluster: address of a Dask scheduler in their place,
+    or local. store: folder of finished loops, with which an interrupted certification continues. progress(stage, done,
+    of): a function that is called during the work.
 
-    ``certificate.save(folder)`` puts it beside its policy. Raises UserError where policy and model do not fit.
+    ``certificate.save(folder)`` writes it into its policy's folder. Raises UserError where policy and model don't fit.
     """
     if not isinstance(policy, policies.Policy):
         raise UserError(f"policy is {shown(policy)}; give a policy: train_policy makes one, load_policy reads one")
@@ -203,9 +203,9 @@ def export(
 ) -> Path:
     """Write a model as CasADi functions, or a policy as ONNX and C99; return the folder.
 
-    format: of a policy, "onnx" (extra ``export``), "c" or "both". step: of a model's step function [s], 0 for its own.
-    smoothing: of a model, the velocity over which stick-slip is rounded, 0 for none. overwrite: replace what is there.
-    What is written was checked against the original. Raises UserError for a place that can't be written.
+    format: for a policy, "onnx" (extra ``export``), "c" or "both". step: for a model, that of its step function [s],
+    0 for its own. smoothing: for a model, the velocity over which stick-slip is rounded, 0 for none. overwrite: replace
+    an existing folder. Results are checked against the original. Raises UserError for a place that can't be written.
     """
     folder, form, replaced = (
         path_of(out, "out"),

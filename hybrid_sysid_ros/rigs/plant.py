@@ -80,7 +80,7 @@ class Plant:
             deque([value] * (whole + 2), maxlen=whole + 2)
             for value, (whole, _) in zip(stood, self._delays, strict=True)
         ]
-        self._act()
+        self._apply_input_delays()
         for channel, value in zip(self._channels, self._move(steps=0), strict=True):
             channel.reset(value)
         self._read()
@@ -105,7 +105,7 @@ class Plant:
         values = [inputs] if isinstance(inputs, float) else np.atleast_1d(np.asarray(inputs, dtype=float)).tolist()
         for actuator, past, value in zip(self.rig.actuators, self._past, values, strict=True):
             past.appendleft(actuator.reached(value, past[0], self.step))
-        self._act()
+        self._apply_input_delays()
         self._disturb()
         for channel in self._channels:
             channel.advance()
@@ -135,8 +135,8 @@ class Plant:
                 self.state[position] = before[position]
         return self._move(steps=0)
 
-    def _act(self) -> None:
-        """Apply the input delays: set the inputs that act on the system now."""
+    def _apply_input_delays(self) -> None:
+        """Set the inputs that act on the system now, after their delays."""
         for index, (past, (whole, part)) in enumerate(zip(self._past, self._delays, strict=True)):
             self._drive[index] = (1.0 - part) * past[whole] + part * past[whole + 1] + self.bias[index]
 

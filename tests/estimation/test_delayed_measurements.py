@@ -198,7 +198,7 @@ def test_a_recurrence_knows_only_its_own_samples(kind):
     [
         (
             {"channels": {"camera": SensorChannel(of="yaw", noise=1.0)}},
-            "channel camera is of yaw, which is none of position, velocity",
+            "channel camera measures yaw, which is none of position, velocity",
         ),
         (
             {"channels": {"camera": SensorChannel(of="position", noise=0.0)}},
