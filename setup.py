@@ -57,7 +57,8 @@ setup(
         "console_scripts": [
             f"hybrid-sysid = {NAME}.__main__:main",
             *(f"{script} = {main}" for script, main in scripts.items()),
-        ]
+        ],
+        "pipx.run": [f"{NAME} = {NAME}.__main__:main"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -79,6 +79,7 @@ def test_every_node_with_a_main_is_an_executable_wherever_tools_look(monkeypatch
     runpy.run_path("setup.py")
     scripts = dict(line.split(" = ") for line in given["entry_points"]["console_scripts"])
     assert scripts.pop("hybrid-sysid").startswith("hybrid_sysid_ros.")
+    assert given["entry_points"]["pipx.run"] == ["hybrid_sysid_ros = hybrid_sysid_ros.__main__:main"]
     nodes = {node for extension in extensions.registry().extensions for node in extension.nodes}
     assert scripts.keys() == nodes >= {"plant", "composed"}
     page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
