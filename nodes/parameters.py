@@ -80,7 +80,7 @@ def _change(
 
 def _descriptor(item: NodeParameter) -> ParameterDescriptor:
     unit = f" [{item.unit}]" if item.unit else ""
-    said = [f"each within [{item.low:g}, {item.high:g}]"] if item.each else []
+    said = [f"each within {item.within}"] if item.each else []
     said += [f"one of {', '.join(item.choices)}"] if item.choices else []
     said += [f"more than {item.above}"] if item.above else []
     said += [] if item.live else ["read when the node is configured"]

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.rigs.folder import names
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, parameters
 from hybrid_sysid_ros.runtime.configuration import NodeParameter
@@ -204,3 +205,19 @@ def test_numbers_and_text_are_read_as_they_were_written(content: Any) -> None:
 
 def test_a_number_needs_no_sign_in_its_exponent() -> None:
     assert parsed("[1e9, 1.0e9, -.5E-3]") == [1e9, 1e9, -0.5e-3]
+
+
+def test_the_range_of_a_parameter_is_that_of_each_input_and_output_of_the_rig() -> None:
+    """A constant on the vehicle's elevator that its throttle would take is refused; a default is within the range."""
+    bias = parameters.parameters("winged_cone", "plant")["bias"]
+    assert bias.checked([1.8, 0.3]) == [1.8, 0.3]
+    for wrong in ([1.9, 0.0], [0.0, 0.4], 0.4):
+        with pytest.raises(UserError, match="parameter bias is"):
+            bias.checked(wrong)
+    assert "[-0.356011, 0.356011]" in bias.within
+    beam = parameters.parameters("cam_beam", "reference")["amplitude"]
+    assert beam.within == "[-10, 10]"  # V of the sensor
+    for rig in names():
+        for node in NODES:
+            for name, item in parameters.parameters(rig, node).items():
+                assert item.kind in (str, bool) or item.choices or math.isfinite(item.high - item.low), name

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.rigs.rig import Rig, load
+import numpy as np
+
+from hybrid_sysid_ros.rigs.rig import BEYOND, Rig, load
 from hybrid_sysid_ros.support import errors, extensions
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapping, refuse_unknown, section
@@ -65,6 +67,8 @@ class NodeParameter:
     """input, output or state: the value is a list with a number for each of the rig's; "": one value."""
     count: int = 0
     """Length of the list; 0 without a rig."""
+    ranges: tuple[tuple[float, float], ...] = ()
+    """Range of each entry, where the rig tells it; low and high enclose all of them."""
 
     def __post_init__(self) -> None:
         items = self.default if self.each and isinstance(self.default, list) else [self.default]
@@ -86,36 +90,42 @@ class NodeParameter:
         """The parameter's description with unit, range and rules, in a line."""
         words = [f"{self.description}{f' [{self.unit}]' if self.unit else ''}"]
         words += [f"one for each {self.each}"] if self.each else []
-        words += [f"within [{self.low:g}, {self.high:g}]"] if math.isfinite(self.low) else []
+        words += [f"within {self.within}"] if math.isfinite(self.low) else []
         words += [f"one of {', '.join(self.choices)}"] if self.choices else []
         words += [f"more than {self.above}"] if self.above else []
         words += ["live"] if self.live else []
         return "; ".join(words)
+
+    @property
+    def within(self) -> str:
+        """The range in words, one for each entry where they differ."""
+        return ", ".join(dict.fromkeys(f"[{low:g}, {high:g}]" for low, high in self.ranges or [(self.low, self.high)]))
 
     def checked(self, value: Any) -> Any:
         """The value in the parameter's type (an integer is accepted as a number), a list at its full length. Raises
         UserError for another type or length, and for a value out of range or not among the choices.
         """
         if not self.each:
-            return self._one(value)
+            return self._one(value, (self.low, self.high))
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
             value = value.tolist() if hasattr(value, "tolist") else [value]
-        items = [self._one(item) for item in value]
-        if self.count and len(items) not in (1, self.count):
+        if self.count and len(value) not in (1, self.count):
             raise UserError(
-                f"parameter {self.name} has {len(items)} numbers: it needs one for each {self.each}, {self.count}"
+                f"parameter {self.name} has {len(value)} numbers: it needs one for each {self.each}, {self.count}"
             )
-        return items * (self.count if self.count and len(items) == 1 else 1)
+        items = list(value) * (self.count if self.count and len(value) == 1 else 1)
+        ranges = self.ranges or [(self.low, self.high)] * len(items)
+        return [self._one(item, limits) for item, limits in zip(items, ranges, strict=True)]
 
-    def _one(self, value: Any) -> Any:
+    def _one(self, value: Any, limits: tuple[float, float]) -> Any:
         kind: Any = self.kind
         if kind is float and type(value) is int:
             value = float(value)
         if type(value) is not kind:  # True is no number
             raise UserError(f"parameter {self.name} is {value!r}: it needs {KINDS[kind]}")
-        if kind in (int, float) and not (math.isfinite(value) and self.low <= value <= self.high):
-            unit = f" {self.unit}" if self.unit else ""
-            raise UserError(f"parameter {self.name} is {value}{unit}: it must be within [{self.low:g}, {self.high:g}]")
+        if kind in (int, float) and not (math.isfinite(value) and limits[0] <= value <= limits[1]):
+            unit = f" {self.unit}" if self.unit and "," not in self.unit else ""
+            raise UserError(f"parameter {self.name} is {value}{unit}: it must be within [{limits[0]:g}, {limits[1]:g}]")
         if self.choices and value not in self.choices:
             raise UserError(f"parameter {self.name} is {value!r}: choose one of {', '.join(self.choices)}")
         return value
@@ -173,9 +183,10 @@ def _described(rig: Rig, node: str) -> tuple[dict[str, NodeParameter], list[str]
             raise unknown(name, declared[node])
     for name, entry in declared[node].items():
         fitted = {**entry, "unit": _unit(entry, rig), "count": _count(entry, rig)}
-        if entry.get("range") == "ACTUATOR":
-            largest = max(max(abs(item.low), abs(item.high)) for item in rig.actuators)
-            fitted["range"] = [-largest, largest]
+        if isinstance(asked := entry.get("range"), str):
+            ranges = fitted["ranges"] = OF_RIG[asked](rig)
+            fitted["range"] = [min(low for low, _ in ranges), max(high for _, high in ranges)]
+            fitted["default"] = [min(max(entry["default"], low), high) for low, high in ranges]
         found[name] = _parameter(name, fitted, f"{rig.name}: nodes.{node}.{name}")
         if name in values:
             with collected(problems, f"{where}: nodes.{node}: "):
@@ -271,6 +282,31 @@ def _joined(path: Path, known: Declarations, every: Mapping[str, Any]) -> Declar
     return joined
 
 
+def _of_actuators(rig: Rig) -> list[list[float]]:
+    """As far as each input reaches, with either sign."""
+    largest = [max(abs(item.low), abs(item.high)) for item in rig.actuators]
+    return [[-value, value] for value in largest]
+
+
+def _of_spans(rig: Rig) -> list[list[float]]:
+    """From 0 to the whole range of each input."""
+    return [[0.0, item.high - item.low] for item in rig.actuators]
+
+
+def _of_outputs(rig: Rig) -> list[list[float]]:
+    """As far as each output travels, as it is shown, with either sign; BEYOND where no stop is known."""
+    low, high = np.abs(rig.travel_of_outputs) / np.abs([display.scale for display in rig.display])
+    return [[-value, value] for value in np.minimum(np.maximum(low, high), BEYOND).tolist()]
+
+
+OF_RIG: Mapping[str, Callable[[Rig], list[list[float]]]] = {
+    "ACTUATOR": _of_actuators,
+    "SPAN": _of_spans,
+    "TRAVEL": _of_outputs,
+}
+"""Ranges that the rig tells, one for each entry."""
+
+
 def _count(entry: Mapping[str, Any], rig: Rig) -> int:
     counts = {"input": rig.system.inputs, "output": rig.system.outputs, "state": rig.system.states}
     return len(counts.get(entry.get("each", ""), ()))
@@ -293,6 +329,9 @@ def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
 
 def _parameter(name: str, entry: Mapping[str, Any], where: str) -> NodeParameter:
     content = {"name": name, **entry}
-    if (limits := content.pop("range", "ACTUATOR")) != "ACTUATOR":  # ACTUATOR: the rig's limits
+    limits = content.pop("range", None)
+    if isinstance(limits, str) and limits not in OF_RIG:
+        raise UserError(f"{where}.range is {limits!r}: give lowest and highest value, or one of {', '.join(OF_RIG)}")
+    if limits is not None and not isinstance(limits, str):
         content["low"], content["high"] = numbers(limits, f"{where}.range", count=2)
     return built(NodeParameter, content, where)

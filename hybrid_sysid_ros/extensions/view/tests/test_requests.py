@@ -92,7 +92,7 @@ def test_a_set_point_is_read_as_it_is(offer: RequestMenu) -> None:
 def test_set_points_are_held_within_the_travel_and_twice_the_amplitude(rig: Rig, offer: RequestMenu) -> None:
     (output,) = offer.tracked
     assert (output.low, output.high) == (-8.0, 8.0)  # of 4 V; the travel ends at +-10 V
-    wide = replace(rig, content={**rig.content, "nodes": {**rig.content["nodes"], "reference": {"amplitude": [40.0]}}})
+    wide = replace(rig, content={**rig.content, "nodes": {**rig.content["nodes"], "reference": {"amplitude": [10.0]}}})
     (output,) = RequestMenu.of(wide, ()).tracked
     assert (output.low, output.high) == pytest.approx((-9.6, 9.6))  # 2 % of 20 V before its ends
 
