@@ -1,4 +1,4 @@
-"""Adapters: model, estimator and controller as the nodes use them, made beside a loop that goes on with others."""
+"""Adapters: estimators and controllers for the nodes, which are made beside a running loop."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from hybrid_sysid_ros.support.errors import UserError
 SLACK = 0.05  # of its range, by which an input may be beyond its limits to be accepted
 WINDOW = 10.0  # s of innovations whose mean square is reported
 Measured = tuple[float, list[float]]
-"""Time [s], and the outputs and applied inputs that were measured then."""
+"""Time [s], and the measured outputs and applied inputs."""
 DIVERGED = 1.5
-"""Evidence that an estimated input disturbance gives which is at its limit."""
+"""Evidence of an estimated input disturbance that is at its limit."""
 ASTRAY = 0.3
-"""Time [s] of evidence against an estimate after which it begins anew from the next measurement: it has gone astray,
-and the way back may be long."""
+"""Time [s] of evidence against an estimate after which it is initialised again from the next measurement, since it has
+diverged and would converge slowly."""
 GAP = 3.5  # periods without a measurement, after which innovations say nothing against the sensors for a while
 LONGEST = 0.05  # s, that one measurement counts as evidence, however long ago the last one was
 OF_PROBLEM = {
@@ -53,12 +53,12 @@ OF_PROBLEM = {
 }
 """Parameters that a network was trained with."""
 WARM_UPS = 6  # answers of a controller before it drives
-COMPILING = 1.0  # s, from which on an answer of it has compiled something
+COMPILING = 1.0  # s, above which an answer has compiled something
 
 
 def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, ModelSource]:
-    """The model that the parameter names, or the one that comes with the package, and where it was read. Raises
-    UserError where it cannot be loaded or is of another rig.
+    """The model that the parameter names, or the one that comes with the package, and its folder. Raises UserError
+    where it cannot be loaded or belongs to another rig.
     """
     folder = settings["model"] or shipped(rig.name, "model")
     source = ModelSource(folder)
@@ -66,15 +66,13 @@ def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, ModelSource]
 
 
 class EstimatorAdapter:
-    """An estimator, what it reads out of measurements, and the message that its estimate becomes.
+    """An estimator with the layouts of its measurements and estimates. It is made beside a loop that uses another one.
 
-    It is made beside a loop that goes on with another one.
-
-    given: what a measurement gave, outputs and applied inputs (p + m,), written by the caller before update().
+    given: outputs and applied inputs of a measurement (p + m,), written by the caller before update().
     """
 
     def __init__(self, rig: Rig, model: Model, settings: Mapping[str, Any], signature: str) -> None:
-        """Compiles. Raises UserError where parameters and model don't go together."""
+        """Compile. Raises UserError where parameters and model don't fit each other."""
         self.system = system = model.system
         layout = SignalLayout(rig, system)
         limits = [(item.low, item.high, SLACK * (item.high - item.low)) for item in rig.actuators]
@@ -84,7 +82,7 @@ class EstimatorAdapter:
         self.given = np.zeros(len(self.measured))
         self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
         self.shown = np.zeros(len(layout.outputs))
-        """The outputs as they were given; those of sensors that are left out are NaN in ``outputs`` (p,)."""
+        """The measured outputs, (p,); in ``outputs`` those of sensors that are left out are NaN."""
         self.tuning = estimator_tuning(settings, rig, system)
         self._limits = 0.999 * np.array(self.tuning.checked(system).disturbance_limit)
         self._limits[~(self._limits > 0.0) | (not settings["doubt_disturbance"])] = math.inf
@@ -119,14 +117,14 @@ class EstimatorAdapter:
         self._last, self._doubted, self.diverged, self._unjudged = math.nan, 0.0, False, 0
 
     def see(self, measured: Sequence[Measured]) -> None:
-        """Take measurements that another adapter has answered, to go on where that one is."""
+        """Use measurements that another adapter has answered, to continue from its state."""
         for time, given in measured:
             self.given[:] = given
-            with suppress(UserError):  # nothing to hold on to yet
+            with suppress(UserError):  # there is no reading yet
                 self.note(self.update(time))
 
     def update(self, time: float) -> StateEstimate:
-        """Estimate with what was given at a time [s]. Raises UserError where there is nothing to hold on to yet."""
+        """Estimate with ``given`` at a time [s]. Raises UserError where there is no reading yet."""
         for k, detector in enumerate(self.frozen):
             if detector.is_frozen(float(self.outputs[k])):
                 self.outputs[k] = math.nan
@@ -134,7 +132,7 @@ class EstimatorAdapter:
         self.monitor.screen(self.outputs)
         estimate = self.filter.update(time, self.outputs, self.applied)
         elapsed, self._last = time - self._last, time
-        if elapsed > GAP / self._settings["rate"]:  # nobody knows which inputs acted in between
+        if elapsed > GAP / self._settings["rate"]:  # it is unknown which inputs acted in between
             self._unjudged = self.tuning.patience + 1
         if elapsed > 0.0 and not self._unjudged:
             self._judge(estimate, min(elapsed, LONGEST))
@@ -142,7 +140,7 @@ class EstimatorAdapter:
         return estimate
 
     def _judge(self, estimate: StateEstimate, elapsed: float) -> None:
-        """Look for evidence against an estimate; begin anew where it has been there for too long."""
+        """Judge the evidence against an estimate; initialise it again where the evidence lasts too long."""
         expected = self._expected(estimate) if any(self.monitor.left_out) else None
         self.monitor.judge(self.shown, estimate.normalised, expected, elapsed)
         self.diverged = bool((np.abs(estimate.disturbance) >= self._limits).any())
@@ -153,7 +151,7 @@ class EstimatorAdapter:
             self.monitor.renew()
 
     def _expected(self, estimate: StateEstimate) -> Array:
-        """What the sensors should show (p,)."""
+        """Expected readings of the sensors, (p,)."""
         return output_of(self.system, estimate.state, self.applied + estimate.disturbance)
 
     @property
@@ -162,7 +160,7 @@ class EstimatorAdapter:
         return max(self.monitor.doubt, DIVERGED if self.diverged else 0.0)
 
     def pack(self, estimate: StateEstimate, stamp: int, *, blind: bool) -> bytes:
-        """The message of an estimate with its stamp [ns]; blind: it is a guess, on which nobody should act."""
+        """The message of an estimate with its stamp [ns]; blind: it is a guess that must not be used for control."""
         state, ahead, disturbance = estimate.state.tolist(), estimate.ahead.tolist(), estimate.disturbance.tolist()
         further: list[float] = []
         if self._further:
@@ -180,17 +178,15 @@ class EstimatorAdapter:
 
 
 class ControllerAdapter:
-    """A controller, what it reads out of estimates and references, and the messages that its plans become.
+    """A controller with the layouts of estimates, references and plans. It is made beside a loop that uses another one.
 
-    It is made beside a loop that goes on with another one.
-
-    given: state and input disturbance when the command acts (n + m,), written by the caller; state, disturbance: the
-    parts of it.
+    given: state and input disturbance when the command acts (n + m,), written by the caller; state, disturbance: its
+    parts.
     """
 
     def __init__(self, rig: Rig, settings: Mapping[str, Any], signature: str, warn: Callable[[str], object]) -> None:
-        """Loads, checks and compiles. warn: gets what a user should know. Raises UserError where parameters, model and
-        policy don't go together.
+        """Load, check and compile. warn: receives warnings for the user. Raises UserError where parameters, model and
+        policy don't fit each other.
         """
         self.rig, self.settings = rig, settings
         model, source = model_of(rig, settings)
@@ -223,9 +219,9 @@ class ControllerAdapter:
         self._warm_up(self.rest)
 
     def _warm_up(self, rest: Array) -> None:
-        """Answer made-up states: this compiles, and loads what is loaded at first use.
+        """Answer artificial states, which compiles and loads everything that is used.
 
-        The first answers are late, for they compile; those after them go on as in the loop.
+        The first answers are late, since they compile; later ones are as in the loop.
         """
         for _ in range(WARM_UPS):
             began = perf_counter()
@@ -235,7 +231,7 @@ class ControllerAdapter:
             self.writer.pack(0, plan.input.tolist())
             self.controller.prepare(self.controller.period)
             if perf_counter() - began > COMPILING:
-                gc.collect()  # what the compiler has left, before it needs as much again
+                gc.collect()  # memory of the compiler, before it needs as much again
         self.begin()
 
     def begin(self) -> None:
@@ -249,7 +245,7 @@ class ControllerAdapter:
         """Raise UserError where one of these parameters can't be changed because the network was trained with it."""
         if self.network is not None and (kept := sorted(names & OF_PROBLEM)):
             raise UserError(
-                f"parameter {kept[0]}: the network keeps the one that it was trained with; policy exact takes it"
+                f"parameter {kept[0]}: the network keeps the one that it was trained with; policy exact uses it"
             )
 
     def judge(self, joints: JointStates, elapsed: float) -> LoopState:
@@ -258,7 +254,7 @@ class ControllerAdapter:
         return self.guard.judge(doubt, without, np.array(applied), self.state, elapsed)
 
     def at_rest(self) -> Array:
-        """Inputs at rest (m,), or what a stabiliser answers the newest state with: an unstable rig is lost without."""
+        """Inputs at rest (m,), or the stabiliser's for the newest state, without which an unstable rig diverges."""
         if isinstance(self.controller, Cascade) and np.isfinite(self.state).all():
             return self.controller.held(self.state)
         return self.rest
@@ -270,6 +266,6 @@ class ControllerAdapter:
         return np.asarray(rest + np.sign(away) * np.maximum(np.abs(away) - share * self._span, 0.0))
 
     def adapt(self, parameters: list[float]) -> None:
-        """Tell a network with a correction the parameters that the estimator follows; NaN leaves one as it was."""
+        """Give a network with a correction the estimator's followed parameters; NaN leaves one unchanged."""
         if self.network is not None:
             self.network.adapt(dict(zip(self.followed.names, parameters, strict=True)))

@@ -1,4 +1,4 @@
-"""Estimator: answers every measurement with the state, and with the state that the next command will meet."""
+"""Estimator: answers every measurement with the present state, and the state at which the next command will act."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from hybrid_sysid_ros.runtime.configuration import CAMERA
 from hybrid_sysid_ros.support.errors import UserError
 
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances
-SOON = 0.6  # periods, less than which lie between measurements that are more frequent than expected
-REPEATED = 1.0  # s of measurements that an adapter sees before it replaces another one
+SOON = 0.6  # periods, below which measurements are more frequent than expected
+REPEATED = 1.0  # s of measurements that an adapter uses before it replaces another one
 DIAGNOSTIC = {"innovation_warn", "innovation_error", "warn_share", "error_share", "stale_seconds"}
 """Parameters that change the diagnostics alone."""
 
@@ -53,12 +53,12 @@ class EstimatorNode(RigNode):
         self.names = [item.name for item in self.rig.system.outputs]
 
     def adapter_of(self, settings: Mapping[str, Any]) -> tuple[EstimatorAdapter, ModelSource]:
-        """The estimator that the parameters name, and where its model was read."""
+        """The estimator of the parameters, and the folder of its model."""
         model, source = model_of(self.rig, settings)
         return EstimatorAdapter(self.rig, model, settings, self.signature), source
 
     def use(self, made: tuple[EstimatorAdapter, ModelSource]) -> None:
-        """StateEstimate with an adapter from now on."""
+        """Estimate with an adapter from now on."""
         self.adapter, source = made
         self.sources = {"model": source}
         self.covariance_message = _labelled(self.adapter.filter.labels)
@@ -68,7 +68,7 @@ class EstimatorNode(RigNode):
         self.adapter.begin()
         self.stamp = self.shown = self.usable = self.zero = 0
         self.waiting: tuple[list[float], int] | None = None
-        """A measurement that waits for a first number."""
+        """A measurement that waits for a first reading."""
         self.recent: deque[Measured] = deque(maxlen=round(REPEATED * self.settings["rate"]))
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
@@ -113,7 +113,7 @@ class EstimatorNode(RigNode):
             self.answer(given, joints.stamp, order, began)
 
     def answer(self, given: list[float], stamp: int, order: StampOrder, began: float) -> None:
-        """Answer what a measurement gave, outputs and inputs; stamp [ns], began: when it came [s]."""
+        """Answer outputs and inputs of a measurement; stamp [ns], began: time of its arrival [s]."""
         if order is StampOrder.DUPLICATE:
             self.repeated += 1
             self.publish()
@@ -129,7 +129,7 @@ class EstimatorNode(RigNode):
         self.recent.append(((stamp - self.zero) / SECOND, given))
         try:
             estimate = self.adapter.update((stamp - self.zero) / SECOND)
-        except UserError as error:  # nothing to hold on to yet
+        except UserError as error:  # there is no reading yet
             self.unusable += 1
             self.waiting = given, stamp
             self.get_logger().warning(str(error), once=True)
@@ -149,7 +149,7 @@ class EstimatorNode(RigNode):
         self.afterwards(estimate)
 
     def on_camera(self, joints: JointStates) -> None:
-        """Use a frame of a camera, in its place by its stamp."""
+        """Use a frame of a camera at the time of its stamp."""
         began, found, stamp = perf_counter(), self.frames.read(joints, self.adapter.camera), joints.stamp
         if found is None or not self.frames.is_near(stamp) or not self.frames.accepts_source(joints.source):
             return
@@ -173,7 +173,7 @@ class EstimatorNode(RigNode):
             self.estimates.publish(self.packed)
 
     def afterwards(self, estimate: StateEstimate) -> None:
-        """Do what need not be done before the answer."""
+        """Do work that may follow the answer."""
         self.adapter.note(estimate)
         if self.estimates is None or self.stamp - self.shown < SHOW_PERIOD:
             return
@@ -265,7 +265,7 @@ class EstimatorNode(RigNode):
         return Task(name="model", level=level, message=message, values=values)
 
     def doubted(self) -> str:
-        """What contradicts the estimate at this moment, "" where nothing does."""
+        """The evidence against the present estimate, in words; "" where there is none."""
         adapter = self.adapter
         names = [name for name, r in zip(self.names, adapter.monitor.evidence, strict=True) if r >= 1.0]
         if names:
@@ -274,7 +274,7 @@ class EstimatorNode(RigNode):
 
 
 def _labelled(names: Sequence[str]) -> Float64MultiArray:
-    """A covariance message (size, size), whose rows and columns are named by their label."""
+    """A covariance message (size, size) with labels of rows and columns."""
     size = len(names)
     rows = MultiArrayDimension(label=f"covariance of {', '.join(names)}", size=size, stride=size * size)
     columns = MultiArrayDimension(label="the same", size=size, stride=size)

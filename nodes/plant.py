@@ -1,4 +1,4 @@
-"""Plant: the simulated rig behind the topics of a real one: measurements out, commands in."""
+"""Plant: the simulated rig with the topics of a real one."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from hybrid_sysid_ros.rigs.plant import Plant
 
 LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet" to ROS
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
-START_DELAY = 0.5  # s from all being there to the start: they may have yet to hear of one another
+START_DELAY = 0.5  # s from the discovery of all peers to the start, since they may not know each other yet
 READER_PATIENCE = 0.5  # s, with further readers where there is a loop
 CAMERA_PATIENCE = 0.5  # s, with a camera that does not show the rig
 FAULTS = ("bias", "sensor_out", "brake", "command_delay")
-"""Parameters that make the rig worse than it is."""
+"""Parameters that simulate faults of the rig."""
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
 
 
@@ -38,8 +38,8 @@ class PlantNode(RigNode):
     In real time a command acts from the moment it comes (to the rig's next step); in lockstep the command that answers
     a measurement acts from that measurement's stamp on, and the next one follows at once.
 
-    Inputs at rest that somebody else than the controller commands are a stop by hand: the plant asks the controller to
-    stop, too, and obeys nobody until it has, or until its own service enable or reset is called.
+    Inputs at rest from another publisher than the controller are a stop by hand: the plant asks the controller to stop
+    too, and ignores commands until it has, or until its own service enable or reset is called.
     """
 
     NAME = "plant"
@@ -63,7 +63,7 @@ class PlantNode(RigNode):
         self.begin()
 
     def begin(self) -> None:
-        """Put the rig where it is at first, its time at 0."""
+        """Set the rig to its initial state, at time 0."""
         self.plant = Plant(self.rig, seed=self.settings["seed"], bias=self.settings["bias"])
         self.chance = Random(self.settings["seed"])
         self.motion = JointMotion(self.rig, self.steps, self.signature)
@@ -73,12 +73,12 @@ class PlantNode(RigNode):
         self.started = self.controlled = False
 
     def rested(self) -> None:
-        """Put the inputs to rest, whatever was to come."""
+        """Put the inputs to rest, and drop delayed ones."""
         timeout = math.inf if self.lockstep else self.settings["command_timeout"]
         self.drive = Drive(self.rig.actuators, timeout=timeout)
 
     def activate(self) -> None:
-        """Wait for a loop, and let the rig go from where it is."""
+        """Wait for a loop, and start the rig from its present state."""
         self.timeline = Timeline(self.now)
         self.alone = perf_counter()  # when somebody was missing last without whom there is no loop [s]
         self.measurements = self.open("joint_states")
@@ -94,21 +94,21 @@ class PlantNode(RigNode):
 
     @cached_property
     def hand(self) -> StopByHand:
-        """Stops by somebody else than the controller."""
+        """Stops by other publishers than the controller."""
         return StopByHand(self)
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
         return {"reset": partial(self.soon, self.again), "enable": self.hand.release}
 
     def again(self) -> None:
-        """Let the rig go anew, from where it is at first."""
+        """Start the rig again from its initial state."""
         self._leave()
         self.begin()
         self.activate()
         self.active = True
 
     def deactivate(self) -> None:
-        """Stop the rig's time, its inputs at rest."""
+        """Stop the rig's time with the inputs at rest."""
         self.rested()
         self.started = False
 
@@ -127,21 +127,21 @@ class PlantNode(RigNode):
         return found >= readers or (not self.lockstep and now - self.alone > READER_PATIENCE)
 
     def wait(self) -> None:
-        """Let the rig go when those that are there have had time to see it, too, or a bag would begin later than it."""
+        """Start the rig after peers have had time to discover it, so that a bag does not begin later."""
         matched = perf_counter()
         shown = self.frames is not None and not self.lockstep
         self.when(lambda: perf_counter() - matched >= START_DELAY, self.show if shown else self.start)
 
     def show(self) -> None:
-        """Let a camera see where the rig stands, so that a loop that it closes alone knows that from the first moment
-        on; in lockstep the first measurement waits for that.
+        """Show the rig's position to a camera, so that a loop with the camera alone knows it from the beginning; in
+        lockstep the first measurement waits for that.
         """
         self.frame, shown = -1, perf_counter()
         self.motions.publish(self.motion.message(self.now()))
         self.when(lambda: self.frame >= 0 or perf_counter() - shown > CAMERA_PATIENCE, self.start)
 
     def start(self) -> None:
-        """Let the rig go."""
+        """Start the rig."""
         self.started = True
         announce("started")
         self.timeline.begin(self.now() - round(self.plant.time * SECOND))
@@ -172,7 +172,7 @@ class PlantNode(RigNode):
             self.measure(number, self.integrate(due * self.steps))
 
     def disturb(self) -> None:
-        """Let those faults be in force that the parameters say."""
+        """Apply the faults of the parameters."""
         self.plant.bias[:] = self.settings["bias"]
         self.plant.brake[:] = self.settings["brake"]
 
@@ -182,7 +182,7 @@ class PlantNode(RigNode):
         return self.timeline.elapsed() / SECOND
 
     def integrate(self, steps: int) -> list[float]:
-        """Advance the rig; return the mean inputs applied (m,)."""
+        """Advance the rig; return the mean applied inputs, (m,)."""
         total = [0.0] * len(self.inputs)
         for _ in range(steps):
             self.plant.advance(self.drive.at(self.plant.time))
@@ -214,7 +214,7 @@ class PlantNode(RigNode):
         self.measurements.publish(self.measurement)
 
     def on_command(self, joints: JointStates) -> None:
-        """Put a command in force, if it is one that counts: a stop, an answer, or one that :meth:`is_direct`."""
+        """Apply a command if it is a stop, an answer to a measurement, or one that :meth:`is_direct`."""
         if not self.started:
             return
         time, stamp = self.time, joints.stamp
@@ -248,16 +248,16 @@ class PlantNode(RigNode):
         self.go_on()
 
     def obey(self, inputs: Sequence[float]) -> None:
-        """Put a command in force."""
+        """Apply a command."""
         self.drive.command(inputs, (self.plant.time if self.lockstep else self.time) + self.settings["command_delay"])
 
     def is_by_hand(self, joints: JointStates) -> bool:
-        """Whether inputs at rest are commanded by somebody else than the controller, whose stamps are measurements'."""
+        """Whether another publisher than the controller, which uses stamps of measurements, commands inputs at rest."""
         known = self.answers.measurement(joints.stamp) is not None
         return not known and (not joints.stamp or joints.source != self.entry.source)
 
     def go_on(self) -> None:
-        """In lockstep: to the next measurement, if this one is answered and all frames that are due are read."""
+        """In lockstep: advance to the next measurement, if this one is answered and all due frames are read."""
         if not self.lockstep or self.answers.answered != self.answers.latest:
             return
         following = self.answers.latest + 1
@@ -293,7 +293,7 @@ class PlantNode(RigNode):
         return stamp == 0 or (self.answers.measurement(stamp) is None and self.entry.is_near(stamp))
 
     def ask_again(self) -> None:
-        """In lockstep: repeat a measurement that nobody answers."""
+        """In lockstep: repeat a measurement that is not answered."""
         waiting = perf_counter() - self.asked
         if waiting > ANSWER_TIMEOUT:
             self.repeated += 1

@@ -1,4 +1,4 @@
-"""Layout: where states, inputs and outputs of a system stand in the messages of its rig's joints."""
+"""Layout: places of a system's states, inputs and outputs in the messages of its rig's joints."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from hybrid_sysid_ros.support.errors import UserError
 FIELDS = ("position", "velocity", "effort")
 """The lists of a joint message."""
 Lists = Sequence[Sequence[float]]
-"""Those lists, in this order: a number for each entry, or none at all."""
+"""These lists in order, each with a number for each entry, or empty."""
 T = TypeVar("T")
 AHEAD = "_ahead"
-"""Ending of the entries of the state that the next command will meet."""
+"""Suffix of the entries of the state at which the next command will act."""
 APPLIED = "_applied"
-"""Ending of the entries of the inputs that acted until the measurement."""
+"""Suffix of the entries of the inputs that acted until the measurement."""
 DOUBT, WITHOUT = "doubt", "sensors_left_out"
-"""Entries of how far to trust an estimate: the strongest evidence against it as a multiple of its threshold, and the
-number of sensors that it has to do without."""
+"""Entries on the validity of an estimate: the strongest evidence against it as a multiple of its threshold, and the
+number of sensors that are left out."""
 
 
 @dataclass(frozen=True)
 class SignalPlace:
-    """Where a number stands."""
+    """Place of a number in a message."""
 
     entry: str
-    """Name of a joint, or of what stands beside the joints."""
+    """Name of a joint or of another entry."""
     field: str
     """position, velocity or effort."""
 
     def ending(self, ending: str) -> SignalPlace:
-        """The same field of the entry whose name ends so."""
+        """The same field of the entry with a suffix."""
         return SignalPlace(self.entry + ending, self.field)
 
 
 class SignalLayout:
     """Places of a system's states (n,), inputs (m,) and outputs (p,); the system is the rig's, or a model of it.
 
-    A joint of the rig carries what ``joints`` of its file says. What no joint carries, a hidden state or an output that
-    is no motion of a joint, has an entry of its own name, and its value stands there as position.
+    A joint of the rig carries the variables that ``joints`` in its file declares. A variable without a joint, such as a
+    hidden state or an output that is no motion, has an entry with its name, and its value as position.
     """
 
     def __init__(self, rig: Rig, system: System) -> None:
@@ -67,13 +67,13 @@ class SignalLayout:
         self.outputs = [carried.get(item.name) or SignalPlace(item.name, "position") for item in system.outputs]
         names = [item.name for item in system.states]
         self.further = [k for k, item in enumerate(system.outputs) if item.name not in names]
-        """The outputs that are no states."""
+        """Indices of the outputs that are no states."""
         self.validity = [place.ending(APPLIED) for place in self.inputs]
         self.validity += [SignalPlace(name, "position") for name in (DOUBT, WITHOUT)]
-        """Applied inputs (m,), doubt, and how many sensors are left out (m + 2,)."""
+        """Applied inputs, doubt, and the number of sensors that are left out, (m + 2,)."""
 
     def estimate(self, followed: Iterable[str]) -> list[SignalPlace]:
-        """What an estimate carries: states, outputs that are no states and input disturbances at its stamp, states and
+        """Places of an estimate: states, outputs that are no states and input disturbances at its stamp, states and
         disturbances when the next command acts, its validity, and the followed parameters.
 
         Raises UserError where a followed parameter has the name of another entry.
@@ -89,22 +89,22 @@ class SignalLayout:
 
 
 class Slots:
-    """Numbers in their places in one kind of message after another: written without a search, read by name."""
+    """Numbers in their places in successive messages: they are written without a search, and read by name."""
 
     def __init__(self, places: Sequence[SignalPlace], *, bounds: Sequence[tuple[float, float]] = ()) -> None:
-        """bounds: within which the last numbers must be to be believed; all others within what any rig has."""
+        """bounds: range of the last numbers that is accepted; others must be within the limit of every rig."""
         free = [(-BEYOND, BEYOND)] * (len(places) - len(bounds))
         self.low, self.high = [low for low, _ in (*free, *bounds)], [high for _, high in (*free, *bounds)]
         self.names = list(dict.fromkeys(place.entry for place in places))
-        """Entries of a message that carries these and no other."""
+        """Entries of a message that has exactly these."""
         self.fields = [field for field in FIELDS if any(place.field == field for place in places)]
-        """Lists that such a message has."""
+        """Lists of such a message."""
         self._places = [(place.entry, FIELDS.index(place.field)) for place in places]
         self._found = self._where(self.names)
         self._read_names: Sequence[str] = self.names
         self._read_found = self._found
         self.named = len(places)
-        """How many of them had a name in the message that was read last."""
+        """Number of slots whose entry was in the last message that was read."""
 
     def __len__(self) -> int:
         return len(self._places)
@@ -114,7 +114,7 @@ class Slots:
         return [(field, index.get(entry, -1)) for entry, field in self._places]
 
     def write(self, lists: Sequence[MutableSequence[float]], values: Iterable[float]) -> None:
-        """Numbers into the lists of a message made for these slots."""
+        """Write numbers into the lists of a message for these slots."""
         for (field, index), value in zip(self._found, values, strict=True):
             lists[field][index] = value
 

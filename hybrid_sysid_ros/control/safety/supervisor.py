@@ -2,7 +2,7 @@
 
 Source of the check: Hose, Köhler, Zeilinger, Trimpe (2025), Approximate nonlinear model predictive control with
 safety-augmented neural networks, IEEE TCST 33(6), algorithm 1; there the cost must fall, here it may rise within a
-stated tolerance, for the reference and the disturbance move and a network is never exact.
+stated tolerance, since reference and disturbance change and a network is never exact.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ REASONS = (
     "waiting for good answers",
     "improved by one step",
 )
-"""What a check found; waiting: at the beginning, when there is no last plan to compare with, and after a rejection."""
+"""Results of a check; waiting: at the beginning, when there is no last plan to compare with, and after a rejection."""
 
 INPUT_ROUNDING = 1e-9
-"""By how much an input may be outside of its bounds [its unit]."""
+"""Largest distance of an input from its bounds [its unit]."""
 
 
 class Tolerances(NamedTuple):
-    """Within which a plan is accepted."""
+    """Tolerances within which a plan is accepted."""
 
     cost: float
-    """Share by which a plan may be costlier than the shifted one."""
+    """Share by which a plan may cost more than the shifted one."""
     floor: float
-    """And by how much at any rate, in the unit of the cost."""
+    """Amount by which it may always cost more, in the unit of the cost."""
     violation: float
-    """By how much a state may be outside of its bounds [its unit]."""
+    """Largest distance of a state from its bounds [its unit]."""
     disturbance: Numbers
     """(m,), largest input disturbance, or one for all inputs."""
     patience: int
@@ -68,13 +68,13 @@ def check(
     inputs: Array,
     states: Array,
 ) -> int:
-    """What a policy's plan is found to be, beside the shifted one in the horizon of an exact MPC; the plan and where it
-    leads are then in ``inputs`` and ``states``. limits: of disturbance, share and floor of the cost, violation.
+    """Check a policy's plan against the shifted one in the horizon of an exact MPC; the plan and its simulated states
+    are written to ``inputs`` and ``states``. limits: those of disturbance, share and floor of the cost, and violation.
 
-    It is accepted where the instance is one like those of the training and the disturbance is not too large, the plan's
-    simulation is finite, keeps the bounds of inputs, of their changes and, within the tolerance, of states, and it is
-    not costlier. How far outside the shifted plan leads excuses nothing: plan after plan could be a little further out
-    than the one before, and where a push has put that one out, the exact MPC may well find one that is not.
+    It is accepted where the instance is within the training range, the disturbance is not too large, and the plan's
+    simulation is finite, keeps the bounds of inputs, of their changes and, within the tolerance, of states, and costs
+    no more. The shifted plan's own violation does not count: otherwise each plan could violate bounds a little more
+    than the last, and after a push the exact MPC may find a plan without a violation.
     """
     sizes, numbers = policy
     disturbance, share, floor, violation = limits
@@ -122,22 +122,21 @@ LAYERS = {
     Status.FEEDBACK: "feedback",
     Status.HELD: "held",
 }
-"""What stands behind an answer, by its status."""
+"""The layer of an answer by its status."""
 
 TIME_ROUNDING = 1e-6
-"""Of times, in periods."""
+"""Rounding of times, in periods."""
 
 
 class Supervisor:
     """Layers: the network -> the exact MPC with its time limit -> the rest of the last plan -> the last inputs.
 
-    Changes of layer are bumpless: every layer is told the inputs that were really applied, the exact MPC begins at the
-    plan that was applied last, whoever made it, and what is left of that plan is what stands in where it is late. After
-    a rejection the network drives again once it has answered well some times in a row, so layers don't chatter. The
-    first plan is the exact MPC's, for a check against a bad plan means little.
-    The source of the check is that of the warm start, too.
+    Changes of layer are bumpless: every layer gets the inputs that were really applied, the exact MPC begins with the
+    last applied plan of any layer, and the rest of that plan is used where it is late. After a rejection the network
+    drives again after several good answers in a row, so that layers don't chatter. The first plan is the exact MPC's,
+    since a check against a bad plan is meaningless. The warm start has the same source as the check.
 
-    layers, reasons: how often each layer answered and what the check found, since the start.
+    layers, reasons: how often each layer answered, and each result of the check, since the start.
     """
 
     def __init__(self, policy: Policy, mpc: ExactMpc, tolerances: Tolerances) -> None:
@@ -164,17 +163,17 @@ class Supervisor:
         self.layers: Counter[str] = Counter()
         self.reasons: Counter[str] = Counter()
         self.reason = WAITING
-        """What the last check found."""
+        """Result of the last check."""
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past; what was counted stays."""
+        """Forget the last plan; counts stay."""
         self.mpc.reset()
         self.policy.reset()
         self._age, self._waiting = 0.0, 0
 
     def prepare(self, elapsed: float) -> None:
-        """Move the last plan on by the time until the next call [s]."""
+        """Shift the last plan by the time until the next call [s]."""
         self._age += elapsed
         self.mpc.prepare(elapsed)
 
@@ -193,7 +192,7 @@ class Supervisor:
         return plan
 
     def check(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
-        """One of the reasons, see :func:`check`: whether the network drives."""
+        """Decide whether the network drives: one of the results, see :func:`check`."""
         if self.mpc.cold:
             return WAITING
         self._instance.assign(state, disturbance, previous_input, preview)
@@ -218,10 +217,10 @@ class Supervisor:
         return reason
 
     def _stepped(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
-        """IMPROVED where a step of the exact MPC from the plan changes its first inputs by more than it may, which
-        tells that the plan is not near its solution, however the last plan compares.
+        """IMPROVED where a step of the exact MPC from the plan changes its first inputs by more than the tolerance, so
+        that the plan is not near a solution, however it compares with the last plan.
 
-        The exact MPC then begins at the cheaper of the step and what is left of the last plan.
+        The exact MPC then begins with the cheaper one of the step and the rest of the last plan.
         """
         mpc, horizon = self.mpc, self.mpc.shooting.horizon
         left = horizon.inputs.copy(), horizon.states.copy()
@@ -237,7 +236,7 @@ class Supervisor:
         return ACCEPTED if near else IMPROVED
 
     def _fallback(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
-        """The exact MPC's plan, or what is left of the last one, or the inputs applied last."""
+        """The exact MPC's plan, or the rest of the last one, or the last applied inputs."""
         plan = self.mpc.control(state, disturbance, previous_input, preview)
         if plan.status not in (Status.LATE, Status.FAILED):
             self._age = 0.0
