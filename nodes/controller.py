@@ -60,6 +60,7 @@ class ControllerNode(RigNode):
     NAME = "controller"
     PUBLISHES = ("joint_command", "effort_command", "predicted_trajectory")
     SUBSCRIBES = ("state_estimate", "reference", "estop")
+    adapter: ControllerAdapter
 
     def configure(self) -> None:
         self.lockstep: bool = self.settings["lockstep"]
@@ -159,7 +160,6 @@ class ControllerNode(RigNode):
             sleep(WATCH_PERIOD / 10)
 
     def advertise(self) -> None:
-        """Open the topic of the commands."""
         self.output.commands = self.open("joint_command")
 
     def on_reference(self, message: TrajectoryMessage) -> None:

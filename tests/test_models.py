@@ -232,8 +232,8 @@ def test_weights_of_single_precision_become_numbers_that_compiled_code_takes(tmp
     sealed(lambda content, arrays: arrays.update(weights=single))(tmp_path / "model")
     system = models.load(tmp_path / "model").system
     assert system.weights.dtype == np.float64
-    states = [simulate(each, np.zeros(2), np.ones((5, 1)), step=0.005) for each in (system, model.system)]
-    np.testing.assert_array_equal(*states)
+    found, wanted = (simulate(each, np.zeros(2), np.ones((5, 1)), step=0.005) for each in (system, model.system))
+    np.testing.assert_array_equal(found, wanted)
 
 
 def test_a_folder_that_is_no_model_is_not_replaced(tmp_path):

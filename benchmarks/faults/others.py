@@ -13,7 +13,8 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from benchmarks.faults.stage import INCOMPATIBLE, LASTING, NODES, Fault, Stage
+from benchmarks.faults.observation import INCOMPATIBLE
+from benchmarks.faults.stage import LASTING, NODES, Fault, Stage
 from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 
 
@@ -52,7 +53,7 @@ def now(stage: Stage) -> int:
 
 def newest(stage: Stage) -> int:
     """Stamp of the newest measurement [ns]."""
-    return stage.measured[-1][1]
+    return stage.measured[-1].stamp
 
 
 def command(effort: float, stamp: Callable[[Stage], int], *, reliable: bool = True) -> Fault:

@@ -14,7 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from benchmarks.faults.stage import LASTING, PATIENCE, Fault, Stage
+from benchmarks.faults.observation import PATIENCE
+from benchmarks.faults.stage import LASTING, Fault, Stage
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.support.errors import UserError

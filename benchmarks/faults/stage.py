@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shutil
 import signal
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import pairwise, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
-import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -29,13 +24,14 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
 from benchmarks.faults import disk
 from benchmarks.faults.disk import TROUBLE
+from benchmarks.faults.observation import MOVING, PATIENCE, Observation
 from hybrid_sysid_ros.nodes import middleware, topics
 from hybrid_sysid_ros.nodes.messages import set_nanoseconds
 from hybrid_sysid_ros.nodes.process import SWITCH_INTERVAL
-from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import TRAINED, shipped
 from hybrid_sysid_ros.runtime.processes import permitted_priority, priority_of
@@ -47,49 +43,33 @@ LOOP = ("reference", "estimator", "controller", "plant")
 NODES = ("recorder", *LOOP)
 SEEN, HEARD = "joint_states_seen", "joint_states"
 """What the plant publishes, and what the others hear: between them stands the :class:`Relay`."""
+COMMANDED, ACTED = "joint_command", "joint_command_acted"
+"""What the controller publishes, and what the plant hears where a fault stands between them."""
 LASTING = 2.0
 """Of a fault that goes on [s]."""
-SETTLED = 60
-"""Measurements in a row that are answered in time: the loop is back."""
-LATE = 0.004
-"""By which an answer that came before the next measurement may be seen later than that [s]."""
-INCOMPATIBLE = "somebody else"
-"""frame_id of what the one who disturbs says: that is no command of the loop."""
-REMEMBERED = 20_000
-"""Measurements, and commands."""
-PATIENCE = 30.0
-"""Of all that is waited for [s]."""
 
 
+ORDINARY = "FAULTS_ORDINARY"
+"""Environment variable that asks for processes without real-time priority."""
 CLOCK_PERIOD = 0.005
 """Of /clock [s]."""
 
 
-@dataclass(frozen=True)
-class Said:
-    """A status of the diagnostics that was not OK."""
-
-    time: float
-    name: str
-    level: int
-    message: str
-
-
 class Relay:
-    """Passes measurements on: as bytes, which takes next to no time, or as a fault makes them."""
+    """Passes joint messages on: as bytes, which takes next to no time, or as a fault makes them."""
 
-    def __init__(self, node: Node, see: Callable[[bytes], None]) -> None:
-        """see: gets each measurement once it has been passed on."""
+    def __init__(self, node: Node, source: str, target: str, quality: str, see: Callable[[bytes], None]) -> None:
+        """see: gets each message once it has been passed on, as it came. quality: topic whose quality both have."""
         self.change: Callable[[JointState], Sequence[JointState]] | None = None
-        self._node, self._see = node, see
+        self._node, self._see, self._target, self._quality = node, see, target, topics.profile(quality)
         self.publisher = self.new_publisher()
-        node.create_subscription(JointState, SEEN, self.on_measurement, topics.profile(HEARD), raw=True)
+        node.create_subscription(JointState, source, self.on_message, self._quality, raw=True)
 
     def new_publisher(self) -> Publisher:
-        """As the plant's own."""
-        return self._node.create_publisher(JointState, HEARD, topics.profile(HEARD))
+        """As the first one's own."""
+        return self._node.create_publisher(JointState, self._target, self._quality)
 
-    def on_measurement(self, data: bytes) -> None:
+    def on_message(self, data: bytes) -> None:
         """Pass on what is left of it."""
         change = self.change
         for each in [data] if change is None else change(deserialize_message(data, JointState)):
@@ -113,27 +93,19 @@ class SetClock:
             self._publisher.publish(message)
 
 
-class Stage:
-    """The loop of a rig that holds its first reference, and what is seen of it, as a context."""
+class Stage(Observation):
+    """The loop of a rig that follows a moving reference, and what is seen of it, as a context."""
 
-    def __init__(self, rig: Rig, *, domain: int, reference: str = "constant", clocked: bool = False) -> None:
-        """clocked: its time is that of /clock."""
-        self.rig, self.domain, self.priority = rig, domain, permitted_priority()
+    def __init__(self, rig: Rig, *, domain: int, clocked: bool = False, actuated: bool = False) -> None:
+        """clocked: its time is that of /clock. actuated: commands pass a relay, for faults of actuators."""
+        super().__init__(rig)
+        self.domain, self.priority = domain, 0 if os.environ.get(ORDINARY) else permitted_priority()
         self.joint = next(iter(rig.joints.joints))
-        self.reference, self.clocked = reference, clocked
+        self.clocked, self.actuated = clocked, actuated
         self.lines: list[str] = []
         """What nodes have told: a traceback would be among them."""
-        self.answered: dict[int, float] = {}
-        """Steady time of the first command for each stamp [s]."""
-        self.measured: deque[tuple[float, int, float, float]] = deque(maxlen=REMEMBERED)
-        """Steady time, stamp, position and input of each measurement."""
-        self.commands: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
-        """Steady time and effort of every command, but the stranger's."""
         self.started = 0.0
         """Steady time at which a fault begins; one that must prepare something moves it [s]."""
-        self.said: list[Said] = []
-        self.values: dict[str, dict[str, str]] = {}
-        """Newest values in the diagnostics of each node."""
         self._bags = 0
 
     def __enter__(self) -> Stage:
@@ -152,8 +124,10 @@ class Stage:
         rclpy.init(context=self.context, domain_id=self.domain)
         options = {"start_parameter_services": False, "enable_rosout": False}  # each would cost the relay time
         self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace, **options)
-        self.validator = MessageValidator(JointState, steady=time.monotonic_ns)  # by which bytes are read at once
-        self.relay = Relay(self.node, self._see)
+        self.relay = Relay(self.node, SEEN, HEARD, HEARD, self._see)
+        if self.actuated:
+            self.actuators = Relay(self.node, COMMANDED, ACTED, COMMANDED, lambda data: None)
+        self.node.create_subscription(JointTrajectory, "reference", self._refer, topics.profile("reference"), raw=True)
         if self.clocked:
             self.clock = SetClock(self.node)
         heard = topics.profile("joint_command")
@@ -168,6 +142,7 @@ class Stage:
             self.start(name)
         self.session.wait_for("ready", NODES, PATIENCE)
         self.wait_until_back(time.monotonic())
+        self.learn()
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -203,7 +178,7 @@ class Stage:
         """Start a node's process; rig: another one of the same name."""
         self._bags += name == "recorder"
         values: dict[str, dict[str, Any]] = {
-            "reference": {"kind": self.reference},
+            "reference": dict(MOVING[self.rig.name]),
             "estimator": {"model": str(self.model)},
             "controller": {"policy": "supervised", "model": str(self.model), "policy_path": str(self.policy)},
             "plant": {"wait_for_readers": 1},
@@ -214,6 +189,7 @@ class Stage:
         command = session.command(name, {**values[name], **priority, **more})
         if name == "plant":
             command += ["-r", f"joint_states:={SEEN}"]
+            command += ["-r", f"{COMMANDED}:={ACTED}"] if self.actuated else []
         if name == "recorder":
             command[command.index("hybrid_sysid_ros.nodes.recorder")] = disk.__name__
         if self.clocked or use_sim_time:
@@ -261,63 +237,6 @@ class Stage:
                 pages = int(Path(f"/proc/{child.process.pid}/statm").read_text().split()[1])
                 found[child.process.pid] = pages * os.sysconf("SC_PAGE_SIZE") / 1e6
         return found
-
-    # ------------------------------------------------------------------ what is seen
-
-    def _see(self, data: bytes) -> None:
-        now, joints = time.monotonic(), self.validator.unpack(data)
-        if joints is None:
-            return
-        position, _, effort = joints.lists
-        index = list(joints.names).index(self.joint)
-        self.measured.append((now, joints.stamp, position[index], effort[index]))
-
-    def _hear(self, data: bytes) -> None:
-        now, joints = time.monotonic(), self.validator.unpack(data)
-        if joints is None:
-            return
-        self.answered.setdefault(joints.stamp, now)
-        if len(joints.lists[-1]) == 1 and joints.source != INCOMPATIBLE:
-            self.commands.append((now, joints.lists[-1][0]))
-
-    def _note(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            node = status.name.partition(":")[0].rpartition("/")[2]
-            self.values.setdefault(node, {}).update({value.key: value.value for value in status.values})
-            level = int.from_bytes(status.level, "little") if isinstance(status.level, bytes) else int(status.level)
-            if level != int.from_bytes(DiagnosticStatus.OK, "little"):
-                self.said.append(Said(time.monotonic(), status.name, level, status.message))
-
-    def wait_until_back(self, since: float) -> float:
-        """Time from ``since`` until the first of SETTLED measurements in a row that were answered before the next one;
-        inf after PATIENCE [s].
-        """
-        end = time.monotonic() + PATIENCE
-        while time.monotonic() < end:
-            recent = [*takewhile(lambda entry: entry[0] >= since, reversed(self.measured.copy()))][:0:-1]
-            first, run = since, 0
-            for (moment, stamp, *_), (following, *_) in pairwise(recent):
-                answer = self.answered.get(stamp)
-                in_time = answer is not None and answer <= following + LATE
-                first, run = (first if run else moment, run + 1) if in_time else (since, 0)
-                if run == SETTLED:
-                    return first - since
-            time.sleep(0.05)
-        return float("inf")
-
-    def bounded(self, since: float) -> bool:
-        """Whether all inputs since then were within the actuator's limits, applied or commanded."""
-        actuator = self.rig.actuators[0]
-        applied = [entry[3] for entry in self.measured.copy() if entry[0] >= since]
-        commanded = [effort for moment, effort in self.commands.copy() if moment >= since and math.isfinite(effort)]
-        values = np.array([*applied, *commanded])
-        return bool(np.all((values >= actuator.low - 1e-9) & (values <= actuator.high + 1e-9)))
-
-    def inside(self, since: float) -> bool:
-        """Whether the rig was within its travel, its stops not touched, as its sensor shows it."""
-        low, high = self.rig.travel_of_outputs[:, 0]
-        positions = np.array([entry[2] for entry in self.measured.copy() if entry[0] >= since])
-        return bool(np.all((positions > low) & (positions < high)))
 
     def alive(self) -> None:
         """Raises UserError where a node has ended by itself."""

@@ -64,10 +64,11 @@ def test_a_governor_leads_on_at_its_rate_and_is_free_when_it_has_met():
     governor.begin(np.array([0.0]))
     found = governor.follow(np.array([5.0]), preview, times, rate, 0.1, keep=False)
     assert found[:, 0] == pytest.approx([2.0, 3.0, 4.0])
-    assert not governor.free
+    met = [governor.free]
     for _ in range(4):
         governor.follow(np.array([5.0]), preview, times, rate, 0.1, keep=False)
-    assert governor.free
+        met.append(governor.free)
+    assert met == [False, False, False, False, True]
     assert governor.reference == pytest.approx([5.0])
 
 
