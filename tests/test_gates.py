@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import ast
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.gaps import GAP, LONGEST_GAP, SamplingError, missing_before
 from hybrid_sysid_ros.bags.record import UNIFORMITY, Record
-from hybrid_sysid_ros.bags.sampling import FEWEST, JITTER, PERIOD_TOLERANCE, check_order, multiple, uniform_period
+from hybrid_sysid_ros.bags.sampling import (
+    FEWEST,
+    JITTER,
+    PERIOD_TOLERANCE,
+    RecordSamples,
+    check_order,
+    multiple,
+    uniform_period,
+)
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.identification import Part
@@ -88,8 +98,16 @@ def test_an_interval_that_leaves_out_a_sample_is_a_gap():
 
 def test_a_gap_is_short():
     assert missing_before(stamps((100, float(LONGEST_GAP))), 0.01).sum() == LONGEST_GAP
-    with pytest.raises(SamplingError, match=rf"after sample 99 .* about {LONGEST_GAP + 1} samples missing"):
-        missing_before(stamps((100, LONGEST_GAP + 1.0)), 0.01)
+    long = np.delete(stamps(count=200), [*range(10, 10 + LONGEST_GAP), *range(100, 101 + LONGEST_GAP)])  # the second
+    with pytest.raises(SamplingError, match=rf"\(0\.99 s\), about {LONGEST_GAP + 1} samples missing"):
+        missing_before(long, 0.01)
+
+
+@pytest.mark.parametrize(("lost", "opened"), [(10, True), (11, False)])
+def test_a_tenth_of_a_record_may_be_missing(lost, opened):
+    samples = RecordSamples(expected=None, period=None)
+    samples.add(10 * MS * np.delete(np.arange(100), 3 * np.arange(1, lost + 1)))
+    assert opens(samples.missing) is opened
 
 
 @pytest.mark.parametrize(
@@ -220,3 +238,13 @@ def test_stamps_follow_a_clock_that_is_off(off, start, sets):
     assert timeline.follow() == 0
     assert timeline.start - 10**15 == (start * MS if sets else start * SLEW)
     assert timeline.sets == sets
+
+
+def test_what_mutants_are_made_of_is_there():
+    tomllib = pytest.importorskip("tomllib")
+    root = Path(__file__).parents[1]
+    for gate in tomllib.loads((root / "benchmarks" / "mutants.toml").read_text(encoding="utf-8"))["gate"]:
+        tree = ast.parse((root / gate["file"]).read_text(encoding="utf-8"))
+        named = [getattr(node, "name", "") for node in ast.walk(tree)]
+        assert named.count(gate["function"]) == 1, gate
+        assert all((root / test.partition("::")[0]).is_file() for test in gate["tests"]), gate

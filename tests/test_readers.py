@@ -2,6 +2,7 @@
 
 import logging
 import random
+import shutil
 import sqlite3
 import struct
 from contextlib import closing
@@ -30,9 +31,15 @@ TOPIC = "/cam_beam/joint_states"
 TRAINED = Path(__file__).parents[1] / "trained" / "cam_beam"
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    return bags.write_bag(tmp_path_factory.mktemp("bags") / "run", [states(40_000), references(40_000)])
+
+
 @pytest.fixture
-def bag(tmp_path):
-    return bags.write_bag(tmp_path / "run", [states(40_000), references(40_000)])
+def bag(written, tmp_path):
+    """A test's own, which it may change."""
+    return shutil.copytree(written, tmp_path / "run")
 
 
 def refused(path, *words, **options):
