@@ -31,6 +31,7 @@ TRUNK = Extension(
         "check": (f"{COMMANDS}.check", "Check the installation in a quarter of a minute."),
         "demo": (f"{COMMANDS}.demo", "From bags to a controlled rig: identify, run the loop, report."),
         "rig new": (f"{COMMANDS}.rig_new", "Write a small rig to begin with."),
+        "rig driver": (f"{COMMANDS}.rig_driver", "Write a driver for a rig's hardware to begin with."),
         "rig check": (f"{COMMANDS}.rig_check", "Check a rig and show its step response."),
         "rig list": (f"{COMMANDS}.rig_list", "List the rigs that are known by name."),
     },
