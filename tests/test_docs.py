@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import yaml
@@ -61,7 +62,7 @@ def test_a_command_line_has_options_that_there_are(page: str, line: str) -> None
     _parse(shlex.split(line, comments=True)[1:])
 
 
-def _groups(entries: list) -> Iterator[list]:
+def _groups(entries: list[Any]) -> Iterator[list[Any]]:
     yield entries
     for entry in entries:
         if isinstance(entry, dict) and isinstance(found := next(iter(entry.values())), list):

@@ -103,7 +103,7 @@ def test_a_run_with_a_feedback_is_the_loop_and_its_slopes_are_those_of_differenc
             begin[k - 3] += nudge
         other, _ = rollouts(PLANT.with_values(values), starts, begin[None], inputs, **given)
         np.testing.assert_allclose(jacobian[:, :, k], (other - states) / nudge, atol=2e-4)
-    with pytest.raises(ValueError, match="it needs 1 rows and 2 columns"):
+    with pytest.raises(ValueError, match="give 1 rows and 2 columns"):
         rollouts(PLANT, starts, first[None], inputs, step=STEP, feedback=np.zeros((2, 2)))
 
 
