@@ -368,3 +368,22 @@ def test_all_nodes_run_in_one_process_with_the_parameters_of_each(domain: int) -
     assert outcome.diagnostics["plant"]["commands"] == pytest.approx(200, abs=25)
     assert outcome.diagnostics["controller"]["commands"] >= outcome.diagnostics["plant"]["commands"]
     assert outcome.diagnostics["estimator"]["missing_measurements"] == 0
+
+
+ANSWERED_NOBODY = """
+import warnings
+from hybrid_sysid_ros.nodes import process
+from hybrid_sysid_ros.support.errors import UserError
+def make():
+    warnings.warn("failed to send response (timeout): client will not receive response", RuntimeWarning)
+    warnings.warn("another", RuntimeWarning)
+    raise UserError("the end")
+process.run(make)
+"""
+
+
+def test_a_client_that_has_gone_is_no_warning_on_the_screen(domain: int) -> None:
+    said = subprocess.run([sys.executable, "-c", ANSWERED_NOBODY], capture_output=True, text=True, timeout=TIMEOUT)
+    assert "failed to send response" not in said.stderr
+    assert "another" in said.stderr
+    assert "error: the end" in said.stderr
