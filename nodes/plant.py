@@ -241,7 +241,7 @@ class PlantNode(RigNode):
             self.rejected += 1
             return
         self.entry.select_source(joints.source)
-        if self.hand.holds(self.answers.answered) and not resting:
+        if self.hand.holds(self.answers) and not resting:
             self.hand.disobeyed += 1
             return
         self.obey(inputs)

@@ -13,13 +13,13 @@ from std_srvs.srv import Trigger
 from hybrid_sysid_ros.nodes.diagnostics import OK, WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers
 
-SERVICE = "controller/stop"
+SERVICE = "controller/estop"
 ASK_AGAIN = 1.0  # s, between two calls of it
 
 
 class StopByHand:
-    """Latches until the controller has stopped, too, as its own service then says when it drives again; or, where no
-    controller answers that service, until :meth:`release`.
+    """Latches until the controller has stopped, too, for its own services then say when it drives again; or, where no
+    controller answers, until :meth:`release`.
     """
 
     def __init__(self, node: Node) -> None:
@@ -37,22 +37,27 @@ class StopByHand:
     def stop(self, answers: Answers) -> None:
         """Latch, and ask the controller to stop; answers: of its commands."""
         self.count += 1
-        self.latched = True
-        if perf_counter() - self._asked < ASK_AGAIN or not self._client.service_is_ready():
-            return
+        self.latched, self._last_old = True, math.inf
+        self._ask(answers)
+
+    def _ask(self, answers: Answers) -> None:
+        """Ask the controller, unless it was asked a moment ago or does not answer."""
 
         def stopped(answer: Future) -> None:
             response = answer.result()
             if response is not None and response.success:
                 self._last_old = answers.latest
 
-        self._asked = perf_counter()
-        self._client.call_async(Trigger.Request()).add_done_callback(stopped)
+        if perf_counter() - self._asked > ASK_AGAIN and self._client.service_is_ready():
+            self._asked = perf_counter()
+            self._client.call_async(Trigger.Request()).add_done_callback(stopped)
 
-    def holds(self, answered: int) -> bool:
-        """Whether an answer to a measurement is not obeyed; the first one after the controller's stop releases."""
-        if self.latched and answered > self._last_old:
+    def holds(self, answers: Answers) -> bool:
+        """Whether the newest answer is not obeyed; the first one after the controller's stop releases."""
+        if self.latched and answers.answered > self._last_old:
             self.release()
+        elif self.latched and math.isinf(self._last_old):
+            self._ask(answers)
         return self.latched
 
     def noted(self, task: Task) -> Task:

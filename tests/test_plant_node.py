@@ -182,8 +182,9 @@ def test_somebody_else_s_zero_stops_until_the_plant_is_enabled(bench: Bench, sou
         assert drill.drive(effort) == 0.0
     (task,) = drill.plant.health()
     assert task.level != OK
-    assert "1 stops by hand" in task.message
-    assert "service enable" in task.message
+    assert "stopped by hand until the service enable" in task.message
+    assert drill.plant.hand.count == 1
+    assert drill.plant.hand.disobeyed >= 2
     assert ask(bench, Trigger, "plant/enable", Trigger.Request()).success
     drill.driven(3.0)
 
@@ -197,7 +198,7 @@ def test_a_controller_that_stops_too_is_obeyed_again(bench: Bench) -> None:
         response.success = True
         return response
 
-    bench.probe.create_service(Trigger, "controller/stop", stop)
+    bench.probe.create_service(Trigger, "controller/estop", stop)
     drill = Controlled(bench, rate=100.0, command_timeout=10.0)
     bench.until(drill.plant.hand._client.service_is_ready)
     drill.driven(2.0)
@@ -206,10 +207,13 @@ def test_a_controller_that_stops_too_is_obeyed_again(bench: Bench) -> None:
     drill.following()
     drill.driven(1.0)
     assert not drill.plant.hand.latched
-    drill.say(0.0, "", 0)  # soon after: it is not asked again, and the plant itself keeps the stop
+    drill.say(0.0, "", 0)
     bench.until(lambda: drill.measurements[-1].effort[0] == 0.0)
-    assert drill.drive(1.0) == 0.0
+    assert drill.drive(1.0) == 0.0  # until it was asked again, a second later
     assert len(stopped) == 1
+    drill.plant.hand._asked = -math.inf
+    drill.driven(1.0)
+    assert len(stopped) == 2
 
 
 def test_a_stranger_s_command_is_refused_while_the_controller_lives(bench: Bench) -> None:
