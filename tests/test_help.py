@@ -12,7 +12,7 @@ from typing import get_args
 import pytest
 
 from hybrid_sysid_ros.commands.app import LateCommand, program
-from hybrid_sysid_ros.commands.terminal import Driver
+from hybrid_sysid_ros.commands.terminal import DriverChoice
 from hybrid_sysid_ros.runtime.parameters import parameters
 from hybrid_sysid_ros.support import extensions
 
@@ -64,13 +64,13 @@ def test_an_option_is_the_same_wherever_it_is():
 
 
 def test_the_choices_of_who_drives_are_those_of_the_controller():
-    assert get_args(Driver) == parameters("cam_beam", "controller")["policy"].choices
+    assert get_args(DriverChoice) == parameters("cam_beam", "controller")["policy"].choices
 
 
 def test_a_shell_completes_commands_options_and_values():
     assert completed("hybrid-sysid policy tr") == ["train"]
     assert completed("hybrid-sysid run --rig flex") == ["flexible_joint"]
-    assert completed("hybrid-sysid run --policy ") == list(get_args(Driver))
+    assert completed("hybrid-sysid run --policy ") == list(get_args(DriverChoice))
 
 
 def test_completion_is_offered_for_the_common_shells(command):

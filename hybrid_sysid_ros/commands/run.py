@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import (
-    Driver,
+    DriverChoice,
     Json,
     Overwrite,
     RigName,
@@ -33,7 +33,7 @@ EXTENDED_BY = "companions"
 
 def command(
     rig: RigName = "",
-    policy: Annotated[Driver, typer.Option(help="What drives the rig.")] = "supervised",
+    policy: Annotated[DriverChoice, typer.Option(help="What drives the rig.")] = "supervised",
     solver: Annotated[
         Literal["sqp", "ipopt"], typer.Option(help="Solver of the exact MPC; ipopt is the slow reference.")
     ] = "sqp",

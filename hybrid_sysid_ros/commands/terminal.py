@@ -58,7 +58,7 @@ ReadPeriod = Annotated[
 PartText = Annotated[str, typer.Option("--part", help="Part of each bag that is used, as fractions START:STOP.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Driver = Literal["supervised", "network", "exact"]
+DriverChoice = Literal["supervised", "network", "exact"]
 """Choices of the controller's parameter policy."""
 WorkerCount = Annotated[int, typer.Option("--workers", help="Number of processes; 0: one on each processor.", min=0)]
 ClusterAddress = Annotated[

@@ -13,8 +13,9 @@ SECTIONS = (
 NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander"), "ensemble": ("ensemble",),
     "export": ("model export", "policy export"), "friction_atlas": ("friction",), "fuzzy": ("takagi_sugeno", "difnn"),
-    "narx": ("narx", "residual"), "playback": ("play", "replay", "player"), "recurrent": ("recurrent",),
-    "policies": ("policy train", "policy certify"), "search": ("search",), "trim": ("trim",),
+    "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
+    "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
+    "recurrent": ("recurrent",), "search": ("search",), "trim": ("trim",),
     "view": ("view", "rig layouts"), "vision": ("film", "video", "camera", "vision"),
 }  # fmt: skip
 """Commands, nodes and structures of the extensions that come with this package, for errors that name a missing one."""

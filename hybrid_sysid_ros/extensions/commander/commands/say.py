@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Driver, RigName, console, end
+from hybrid_sysid_ros.commands.terminal import DriverChoice, RigName, console, end
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes, session
 
@@ -25,7 +25,7 @@ def command(
     ] = False,
     model: Annotated[Path | None, typer.Option(help="With --dry: model folder; the shipped one by default.")] = None,
     policy: Annotated[
-        Driver | None, typer.Option(help="With --dry: what drives the rig; the rig's choice by default.")
+        DriverChoice | None, typer.Option(help="With --dry: what drives the rig; the rig's choice by default.")
     ] = None,
     layers: Annotated[
         Path | None,

@@ -13,7 +13,16 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.terminal import Driver, Json, Overwrite, Recover, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import (
+    DriverChoice,
+    Json,
+    Overwrite,
+    Recover,
+    RigName,
+    console,
+    print_table,
+    status,
+)
 from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison, compare
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
@@ -31,7 +40,7 @@ def command(
     model: Annotated[
         Path | None, typer.Option(help="Model folder; by default the model that the bag was recorded with.")
     ] = None,
-    policy: Annotated[Driver | None, typer.Option(help="What drives the rig; as recorded by default.")] = None,
+    policy: Annotated[DriverChoice | None, typer.Option(help="What drives the rig; as recorded by default.")] = None,
     policy_path: Annotated[
         Path | None, typer.Option(help="Policy folder; by default the policy that the bag was recorded with.")
     ] = None,

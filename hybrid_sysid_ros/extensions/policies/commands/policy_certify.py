@@ -11,7 +11,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import (
     ClusterAddress,
-    Driver,
+    DriverChoice,
     OwnRig,
     Seed,
     WorkerCount,
@@ -58,7 +58,7 @@ def command(
         int | None,
         typer.Option("--again", help="Number of a loop to run again and print; nothing is written.", min=0),
     ] = None,
-    driver: Annotated[Driver, typer.Option(help="What drives the loop of --again.")] = "network",
+    driver: Annotated[DriverChoice, typer.Option(help="What drives the loop of --again.")] = "network",
     rig: OwnRig = "",
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
