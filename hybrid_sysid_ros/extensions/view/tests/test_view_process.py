@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import threading
+import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -136,18 +137,30 @@ def test_a_page_stops_a_running_controller_and_records_it(
     assert (bag / "metadata.yaml").exists()
 
 
-def test_a_run_goes_on_without_its_view(domain: int) -> None:
+def test_a_run_goes_on_while_its_view_comes_back_to_the_same_page(domain: int) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    again: list[str] = []
+
     def kill(page: ClientConnection) -> None:
         greeting = json.loads(page.recv(timeout=PATIENCE))
-        assert greeting["rig"]
-        os.kill(_listener(page.remote_address[1]), signal.SIGKILL)
+        os.kill(_listener(port), signal.SIGKILL)
+        end = time.monotonic() + PATIENCE
+        while not again:
+            assert time.monotonic() < end
+            try:
+                with connect(f"ws://127.0.0.1:{port}{page.request.path}", origin=page.request.headers["Origin"]) as new:
+                    again.append(json.loads(new.recv(timeout=PATIENCE))["rig"])
+            except OSError:
+                time.sleep(0.1)
+        assert again == [greeting["rig"]]
 
     visitor = Visitor(kill)
     visitor.start()
-    outcome = Run(reference="sine", duration=3.0, companions=[View(port=0)], domain=domain, tell=visitor.tell).go()
+    outcome = Run(reference="sine", duration=8.0, companions=[View(port=port)], domain=domain, tell=visitor.tell).go()
     visitor.visited()
     assert not outcome.interrupted
-    assert any(line.startswith("view ended") and "the others go on" in line for line in visitor.lines)
+    assert any(line.startswith("view ended") and "started again" in line for line in visitor.lines)
     assert outcome.diagnostics["controller"]
 
 
