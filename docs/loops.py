@@ -47,7 +47,7 @@ PICTURES = (
     Picture(rig="cam_beam", reference="hardware", start=24.0, stop=36.0, outputs=("position",)),
     Picture(rig="flexible_joint", reference="moves", start=15.0, stop=25.0, outputs=("link_speed",)),
     Picture(rig="wheel_motor", reference="moves", start=4.0, stop=13.0, outputs=("speed",)),
-    Picture(rig="drill_string", reference="moves", start=0.0, stop=24.0, outputs=("bit_speed",)),
+    Picture(rig="drill_string", reference="moves", start=0.0, stop=23.0, outputs=("bit_speed",)),
     Picture(rig="winged_cone", reference="manoeuvres", start=0.0, stop=90.0, outputs=("speed", "height")),
 )
 
