@@ -127,7 +127,7 @@ def tables(certificate: Certificate) -> list[Table]:
         for stratum, failed in parts.items():
             bound = rounded_down(certificate.bounds[driver][stratum])
             counted.add_row(driver, stratum, str(certificate.strata[stratum]), *map(str, failed.values()), bound)
-    answers = {reason: sum(entry.check[reason] for entry in certificate.ledger) for reason in REASONS}
+    answers = {reason: sum(entry.check.get(reason, 0) for entry in certificate.ledger) for reason in REASONS}
     checked = Table("the online check", "share", title="supervised")
     for reason, count in answers.items():
         checked.add_row(reason, f"{count / sum(answers.values()):.4f}")
