@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
-import subprocess
-import sys
-from pathlib import Path
 from typing import get_args
 
 import pytest
@@ -16,20 +12,9 @@ from hybrid_sysid_ros.commands.terminal import DriverChoice
 from hybrid_sysid_ros.runtime.parameters import parameters
 from hybrid_sysid_ros.support import extensions
 
-ROOT = Path(__file__).parents[1]
 COMMANDS = extensions.commands()
 SHARED = {"--rig", "--overwrite", "--seed", "--json", "--recover", "--model", "--domain"}
 """Options that take the same wherever a command has them."""
-
-
-def completed(line: str) -> list[str]:
-    """What a shell is offered behind a line, by a process of its own as a shell asks for it."""
-    found = subprocess.run(
-        [sys.executable, "-m", "hybrid_sysid_ros"], capture_output=True, text=True, timeout=120, check=True, cwd=ROOT,
-        env={**os.environ, "_HYBRID_SYSID_COMPLETE": "complete_bash", "COMP_WORDS": line,
-             "COMP_CWORD": str(len(line.split(" ")) - 1)},
-    )  # fmt: skip
-    return found.stdout.split()
 
 
 def test_the_version_is_that_of_the_package(command):
@@ -67,10 +52,21 @@ def test_the_choices_of_who_drives_are_those_of_the_controller():
     assert get_args(DriverChoice) == parameters("cam_beam", "controller")["policy"].choices
 
 
-def test_a_shell_completes_commands_options_and_values():
-    assert completed("hybrid-sysid policy tr") == ["train"]
-    assert completed("hybrid-sysid run --rig flex") == ["flexible_joint"]
-    assert completed("hybrid-sysid run --policy ") == list(get_args(DriverChoice))
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("hybrid-sysid policy tr", ["train"]),
+        ("hybrid-sysid run --rig flex", ["flexible_joint"]),
+        ("hybrid-sysid run --policy ", [*get_args(DriverChoice)]),
+        ("hybrid-sysid identify --structure dah", ["dahl"]),
+    ],
+)
+def test_a_shell_completes_commands_options_and_values(command, monkeypatch, line, offered):
+    """A shell runs the program with the line in its environment."""
+    monkeypatch.setenv("_HYBRID_SYSID_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", line)
+    monkeypatch.setenv("COMP_CWORD", str(line.count(" ")))
+    assert command()[1].split() == offered
 
 
 def test_completion_is_offered_for_the_common_shells(command):

@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from time import monotonic
 from typing import Any
@@ -16,6 +17,7 @@ from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -209,7 +211,14 @@ class GraphClient:
         return sorted({f"{space.rstrip('/')}/{name}" for name, space in pairs if not name.startswith("_")})
 
     def _triggers(self) -> list[str]:
-        return sorted(name for name, kinds in self._node.get_service_names_and_types() if TRIGGER in kinds)
+        """Full names of the services that nodes offer; the names that ROS has of all are of their clients, too."""
+        found = set()
+        for full in self._names():
+            with suppress(rclpy_implementation.NodeNameNonExistentError):  # it has gone
+                space, _, name = full.rpartition("/")
+                offered = self._node.get_service_names_and_types_by_node(name, space or "/")
+                found |= {service for service, kinds in offered if TRIGGER in kinds}
+        return sorted(found)
 
     def _matching(self, look: Callable[[], list[str]], wanted: str, namespace: str) -> list[str]:
         """The full names that are meant by one; a full one needs no look for others."""

@@ -52,7 +52,8 @@ def ask(bench: Bench, domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 
 def test_every_node_of_a_rig_that_offers_a_service_is_called(bench: Bench, ask: Ask) -> None:
     plant = bench.start(PlantNode)
-    assert ask("services") == ["/cam_beam/plant/reset"]
+    bench.probe.create_client(Trigger, "controller/stop")  # which nobody offers
+    assert ask("services") == ["/cam_beam/plant/enable", "/cam_beam/plant/reset"]
     assert ask("call", service="reset") == [{"service": "/cam_beam/plant/reset", "done": True, "message": ""}]
     assert ask("call", service="plant/reset", namespace="/cam_beam")[0]["done"]
     plant.trigger_deactivate()
