@@ -6,7 +6,7 @@ import hashlib
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,10 @@ from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.mcap import CHUNK, DATA_END
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime.parameters import declarations, parameters
+from hybrid_sysid_ros.runtime.parameters import declarations, parameters, shipped
 from hybrid_sysid_ros.support.structured import read_mapping
 
 Files = dict[str, bytes]
@@ -83,8 +84,16 @@ def _model(path: Path, recover: bool) -> Any:
     model = load_model(path / "model")
     arrays = [model.system.values, model.system.weights, model.covariance]
     assert np.isfinite(model.system.values).all()
+    if model.system.form == _shipped(model.rig).form:  # another would have to be compiled
+        inputs = np.zeros((3, len(model.system.inputs)))
+        simulate(model.system, np.zeros(len(model.system.states)), inputs, step=model.sampling.step)
     rest = [model.rig, model.structure, model.names, model.training_range, model.sampling, model.standard_errors]
     return [*arrays, *rest]
+
+
+@cache
+def _shipped(rig: str) -> System:
+    return load_model(shipped(rig, "model")).system
 
 
 def _policy(path: Path, recover: bool) -> Any:
