@@ -66,6 +66,11 @@ class Failsafe:
         for suspicion in self._suspicions.values():
             suspicion.seconds = 0.0
 
+    @property
+    def suspicion(self) -> float:
+        """The largest of all [s]."""
+        return max(suspicion.seconds for suspicion in self._suspicions.values())
+
     def go_on(self, other: Failsafe) -> None:
         """Take over the level and the suspicions of another one with the same kinds of evidence."""
         self.state, self.reason, self.tripped = other.state, other.reason, other.tripped
