@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 from hybrid_sysid_ros import models
+from hybrid_sysid_ros.runtime import parameters
 from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop, join
 from hybrid_sysid_ros.runtime.session import has_ros
 from hybrid_sysid_ros.support import extensions
@@ -28,7 +29,8 @@ PAGE = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r'^```\w+ title="([^"]+)"\n(.*?)^```$', PAGE, re.M | re.S))
 BAG = ROOT / "bags" / "beam_multisine"
 OURS = sorted(path.parent.name for path in HOME.glob("*/extension.py"))
-Call = Callable[..., "subprocess.CompletedProcess[str]"]
+Apart = Callable[..., "subprocess.CompletedProcess[str]"]
+Here = Callable[..., tuple[int, str, str]]
 
 
 def offer(place: Path, name: str, target: str, **files: str) -> None:
@@ -44,7 +46,7 @@ def offer(place: Path, name: str, target: str, **files: str) -> None:
 
 
 @pytest.fixture
-def call(tmp_path: Path) -> Call:
+def apart(tmp_path: Path) -> Apart:
     """A command line, or Python code, in a process that finds the packages in tmp_path / "site"."""
 
     def called(*words: str | Path, code: str = "", lines: Sequence[str] = ()) -> subprocess.CompletedProcess[str]:
@@ -57,6 +59,28 @@ def call(tmp_path: Path) -> Call:
         )  # fmt: skip
 
     return called
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Here) -> Iterator[Here]:
+    """A command line in this process, which finds the packages in tmp_path / "site" while the test lasts."""
+    caches, before = (extensions.registry, parameters.read_declarations), {*sys.modules}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+
+    def called(*words: str | Path) -> tuple[int, str, str]:
+        for item in caches:
+            item.cache_clear()
+        return command(*words)
+
+    yield called
+    monkeypatch.undo()
+    for item in caches:
+        item.cache_clear()
+    for name in {*sys.modules} - before:
+        if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
 
 
 # A stranger's package
@@ -99,11 +123,11 @@ report.write_report("report.html", report.identification_section(model, []), loo
 """
 
 
-def test_the_page_s_extension_adds_what_it_says(heating: Path, call: Call, domain: int) -> None:
+def test_the_page_s_extension_adds_what_it_says(heating: Path, apart: Apart, domain: int) -> None:
     pytest.importorskip("plotly", reason="needs the extra report")
 
     def does(*lines: str, code: str = "") -> list[str]:
-        found = call(code=COMMANDS + code, lines=lines)
+        found = apart(code=COMMANDS + code, lines=lines)
         assert (found.returncode, "warning" in found.stderr) == (0, False), found.stderr
         return found.stdout.split(END)
 
@@ -135,19 +159,19 @@ def test_the_page_s_extension_adds_what_it_says(heating: Path, call: Call, domai
     assert f"<td>{name}</td><td>{load[1]}</td><td>0.25</td>" in page
 
     values.write_text(f"{reported}\nheating: {{motor: 0.25}}\n", encoding="utf-8")
-    wrong = call("rig", "check", "./sled")
+    wrong = apart("rig", "check", "./sled")
     assert wrong.returncode == 2
     assert "heating: unknown key 'motor'" in wrong.stderr
 
 
-def test_a_section_of_nobody_is_refused(heating: Path, call: Call, tmp_path: Path) -> None:
+def test_a_section_of_nobody_is_refused(heating: Path, here: Here, apart: Apart, tmp_path: Path) -> None:
     """As every typing error: without the package, its section is one."""
-    assert call("rig", "new", heating).returncode == 0
+    assert here("rig", "new", heating)[0] == 0
     with (heating / "rig.yaml").open("a", encoding="utf-8") as file:
         file.write("\nheating: {}\n")
-    assert call("rig", "check", heating).returncode == 0
+    assert here("rig", "check", heating)[0] == 0
     (tmp_path / "site").rename(tmp_path / "away")
-    refused = call("rig", "check", heating)
+    refused = apart("rig", "check", heating)  # a process reads a rig once
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
     assert "unknown key 'heating'" in refused.stderr
 
@@ -176,12 +200,12 @@ MANIFEST = "from hybrid_sysid_ros.support.extensions import Extension\nEXTENSION
     ],
 )
 def test_a_bad_extension_is_named_in_a_line_and_the_rest_works(
-    tmp_path: Path, call: Call, manifest: str, why: str
+    tmp_path: Path, apart: Apart, manifest: str, why: str
 ) -> None:
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=manifest)
     offer(tmp_path / "site", "waves", "waves.extension:EXTENSION", extension=MANIFEST.format(
         "waves", "commands={'waves': ('waves.command', 'Make waves.')}"))  # fmt: skip
-    found = call("--help")
+    found = apart("--help")
     assert found.returncode == 0
     assert all(word in found.stdout for word in ("identify", "Make waves."))
     assert found.stderr.count("\n") == 1
@@ -189,22 +213,22 @@ def test_a_bad_extension_is_named_in_a_line_and_the_rest_works(
     assert why in found.stderr
 
 
-def test_of_two_extensions_of_one_name_the_first_is_used(tmp_path: Path, call: Call) -> None:
+def test_of_two_extensions_of_one_name_the_first_is_used(tmp_path: Path, apart: Apart) -> None:
     for name in ("tides", "waves"):
         given = f"commands={{'{name}': ('{name}', 'Of {name}.')}}"
         offer(tmp_path / "site", name, f"{name}.extension:EXTENSION", extension=MANIFEST.format("sea", given))
-    found = call("--help")
+    found = apart("--help")
     assert "Of tides." in found.stdout
     assert "Of waves." not in found.stdout
     assert found.stderr.count("\n") == 1
     assert "extension sea" in found.stderr
 
 
-def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, call: Call) -> None:
+def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, apart: Apart) -> None:
     given = "provides={'companions': {'tides': 'tides.nowhere:companion'}}"
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
-    assert call("--help").stderr == ""
-    found = call("run", "--help")
+    assert apart("--help").stderr == ""
+    found = apart("run", "--help")
     assert found.returncode == 0
     assert "--lockstep" in found.stdout
     assert found.stderr.count("\n") == 1
@@ -228,19 +252,19 @@ def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, call:
     ],
 )
 def test_declarations_that_can_t_be_read_are_named_and_the_rest_works(
-    tmp_path: Path, call: Call, declared: str | None, why: str
+    tmp_path: Path, here: Here, declared: str | None, why: str
 ) -> None:
     given = "declarations=__import__('pathlib').Path(__file__).with_name('nodes.yaml')"
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
     if declared is not None:
         (tmp_path / "site" / "tides" / "nodes.yaml").write_text(declared)
-    found = call("parameters")
-    assert found.returncode == 0
-    assert "/**/plant:" in found.stdout
-    assert found.stderr.count("\n") == 1
-    assert "extension tides" in found.stderr
-    assert str(tmp_path / "site" / "tides" / "nodes.yaml") in found.stderr
-    assert why in found.stderr
+    status, shown, complaint = here("parameters")
+    assert status == 0
+    assert "/**/plant:" in shown
+    assert complaint.count("\n") == 1
+    assert "extension tides" in complaint
+    assert str(tmp_path / "site" / "tides" / "nodes.yaml") in complaint
+    assert why in complaint
 
 
 CODE = """
@@ -261,7 +285,7 @@ NUMBER = 5
     [
         ("commands={'tide': ('tides.nowhere', '')}", "tide", "tides.nowhere"),
         ("commands={'tide': ('tides.code', '')}", "tide", "no attribute 'command'"),
-        ("provides={'sections': {'travel_of_moon': 'tides.code:check'}}", "rig check ./sled", "no moon"),
+        ("provides={'sections': {'travel_of_moon': 'tides.code:check'}}", "rig check ./raft", "no moon"),
         (
             "provides={'structures': {'tides': 'tides.code:Tides'}}",
             f"identify {BAG} --structure tides --out m",
@@ -274,20 +298,20 @@ NUMBER = 5
         ),
     ],
 )
-def test_code_that_is_wrong_is_named_in_a_line(tmp_path: Path, call: Call, given: str, line: str, why: str) -> None:
+def test_code_that_is_wrong_is_named_in_a_line(tmp_path: Path, here: Here, given: str, line: str, why: str) -> None:
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given), code=CODE)
-    if "sled" in line:
-        assert call("rig", "new", tmp_path / "sled").returncode == 0
-        with (tmp_path / "sled" / "rig.yaml").open("a", encoding="utf-8") as file:
+    if "raft" in line:
+        assert here("rig", "new", tmp_path / "raft")[0] == 0
+        with (tmp_path / "raft" / "rig.yaml").open("a", encoding="utf-8") as file:
             file.write("\ntravel_of_moon: {}\n")
-    found = call(*line.split())
-    assert (found.returncode, found.stderr.count("\n")) == (2, 1), found.stderr
-    assert "tides.code" in found.stderr or "tides.nowhere" in found.stderr
-    assert why in found.stderr
+    status, _, complaint = here(*line.split())
+    assert (status, complaint.count("\n")) == (2, 1), complaint
+    assert "tides.code" in complaint or "tides.nowhere" in complaint
+    assert why in complaint
 
 
 @pytest.mark.skipif(not has_ros(), reason="needs ROS 2")
-def test_a_topic_of_an_unknown_type_is_left_out(tmp_path: Path, call: Call) -> None:
+def test_a_topic_of_an_unknown_type_is_left_out(tmp_path: Path, apart: Apart) -> None:
     given = "declarations=__import__('pathlib').Path(__file__).with_name('nodes.yaml')"
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
     path = tmp_path / "site" / "tides" / "nodes.yaml"
@@ -301,7 +325,7 @@ try:
 except UserError as error:
     print(error)
 """
-    found = call(code=code)
+    found = apart(code=code)
     assert f"{path}: topics.height: std_msgs/msg/Nothing is not installed" in found.stdout, found.stderr
 
 
@@ -312,9 +336,9 @@ def test_a_mistake_of_this_package_stays_as_it_is() -> None:
         _ = 1 / 0
 
 
-def test_an_interrupt_while_extensions_are_looked_for_stays_one(tmp_path: Path, call: Call) -> None:
+def test_an_interrupt_while_extensions_are_looked_for_stays_one(tmp_path: Path, apart: Apart) -> None:
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension="raise KeyboardInterrupt")
-    found = call("--help")
+    found = apart("--help")
     assert (found.returncode, found.stdout, found.stderr) == (130, "", "interrupted\n")
 
 
@@ -326,11 +350,11 @@ def test_an_interrupt_while_extensions_are_looked_for_stays_one(tmp_path: Path, 
     ],
 )
 def test_a_model_of_a_structure_that_is_left_out_names_its_extension(
-    tmp_path: Path, call: Call, manifest: str, why: str
+    tmp_path: Path, apart: Apart, manifest: str, why: str
 ) -> None:
     replace(models.load(ROOT / "trained" / "cam_beam" / "model"), structure="tides").save(tmp_path / "m")
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=manifest)
-    found = call("evaluate", tmp_path / "m", BAG)
+    found = apart("evaluate", tmp_path / "m", BAG)
     *_, line = found.stderr.splitlines()
     assert (found.returncode, line.startswith(f"error: {tmp_path / 'm' / 'model.yaml'}: ")) == (2, True)
     assert why in line
@@ -401,7 +425,7 @@ HELP = ("--help", "run --help", "demo --help", "parameters")
 
 
 @pytest.fixture
-def without(tmp_path: Path, call: Call) -> Callable[..., str]:
+def without(tmp_path: Path, apart: Apart) -> Callable[..., str]:
     """What command lines print, and code after them, where the folders of some extensions were taken away."""
 
     def printed(away: list[str], *lines: str, modules: Sequence[str] = ()) -> str:
@@ -414,7 +438,7 @@ def without(tmp_path: Path, call: Call) -> Callable[..., str]:
         for path in HOME.iterdir():
             if path.name not in (*away, "__pycache__"):
                 (package / "extensions" / path.name).symlink_to(path)
-        found = call(code=COMMANDS + ALONE.format(away={*away}, modules=modules, ros=has_ros()), lines=lines)
+        found = apart(code=COMMANDS + ALONE.format(away={*away}, modules=modules, ros=has_ros()), lines=lines)
         assert (found.returncode, found.stderr) == (0, ""), (away, found.stderr)
         return found.stdout
 
