@@ -50,6 +50,8 @@ def loop_tasks(node: ControllerNode) -> list[Task]:
     guard, state, operation = node.adapter.guard, node.loop_state, node.operation
     by_guard = guard.failsafe.state and LoopState.DRIVING < state < LoopState.STOPPED
     reason = guard.reason if by_guard or state is LoopState.SLOWED else operation.words
+    if state is LoopState.RESTING and not by_guard:
+        reason = "there is no sound estimate, or no answer to it"
     values = {
         "state": state.word,
         "state_reason": reason,
