@@ -16,6 +16,7 @@ SCRIPT = """
 const cards = [...document.querySelectorAll('.card')];
 cards.find(card => card.querySelector('h3')?.firstChild.data.endsWith(RECORD)).dataset.picture = 'run';
 let loop = document.querySelector('#closed-loop').nextElementSibling;
+while (!loop.querySelector('.main-svg')) loop = loop.nextElementSibling;
 loop.dataset.picture = 'loop';
 loop.nextElementSibling.dataset.picture = 'zooms';
 true
