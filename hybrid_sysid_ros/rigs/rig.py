@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from hybrid_sysid_ros.rigs.excitation import Excitation, ReferenceSchedule, Segm
 from hybrid_sysid_ros.rigs.joints import Joints
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
 from hybrid_sysid_ros.support import extensions
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
 OF_EXTENSIONS = ("drawing", "faults", "scene", "mockup", "modes")
@@ -192,40 +192,35 @@ def default() -> str:
 def _read(found: folders.RigFolder) -> Rig:
     path = found.path / folders.VALUES
     where, content = str(path), read_mapping(path)
-    refuse_unknown(content, (*extensions.targets("sections"), *OF_EXTENSIONS), where)
     refuse_endless(content, f"{where}:")
     system, structures = folders.systems_of(found)
+    made, problems = dict[str, Any](), list[str]()
+    with collected(problems):
+        refuse_unknown(content, (*extensions.targets("sections"), *OF_EXTENSIONS), where)
     for other in structures.values():
-        _check_alike(system, other, str(found.path / folders.SYSTEM))
-    sensors = _sensors(_given(content, "sensors", system.outputs, where), system, f"{where}: sensors")
-    actuators = _actuators(_given(content, "actuators", system.inputs, where), system, f"{where}: actuators")
-    joints = Joints.of(section(content, "joints", where), system, f"{where}: joints")
-    namespace = str(content.get("namespace") or found.name).strip("/")
-    if not all(part.isidentifier() and part.isascii() for part in namespace.split("/")):
-        raise UserError(f"{where}: namespace is {namespace!r}: topics take letters, digits and underscores, not first")
-    derived = joints.signals(system, sensors)
-    signals = Signals.of(section(content, "signals", where), namespace, where, given=derived)
-    return Rig(
-        name=found.name,
-        folder=found.path,
-        system=system,
-        structures=structures,
-        step=_above_zero(content, "step", where),
-        sensors=sensors,
-        actuators=actuators,
-        travel=_ranges(section(content, "travel", where), system, f"{where}: travel"),
-        validity=_ranges(content["validity"], system, f"{where}: validity")
-        if section(content, "validity", where)
-        else None,
-        disturbances=_disturbances(section(content, "disturbances", where), system, f"{where}: disturbances"),
-        offsets=_offsets(section(content, "offsets", where), system, f"{where}: offsets"),
-        joints=joints,
-        namespace=namespace,
-        signals=signals.ordered(system.inputs, system.outputs),
-        experiments=experiments_of(section(content, "experiments", where), system, f"{where}: experiments"),
-        references=_references(section(content, "references", where), system, f"{where}: references"),
-        content=content,
-    )
+        with collected(problems):
+            _check_alike(system, other, str(found.path / folders.SYSTEM))
+    with collected(problems):
+        made["step"] = _above_zero(content, "step", where)
+    with collected(problems):
+        made["namespace"] = _namespace(content, found.name, where)
+    for key, part in PARTS.items():
+        with collected(problems):
+            made[key] = part(section(content, key, where), system, f"{where}: {key}")
+    if problems:
+        raise UserErrors(problems)
+    given, derived = section(content, "signals", where), made["joints"].signals(system, made["sensors"])
+    signals = Signals.of(given, made["namespace"], where, given=derived).ordered(system.inputs, system.outputs)
+    made |= {"name": found.name, "folder": found.path}
+    return Rig(system=system, structures=structures, signals=signals, content=content, **made)
+
+
+def _namespace(content: Mapping[str, Any], name: str, where: str) -> str:
+    """Of the topics, by default the rig's name."""
+    found = str(content.get("namespace") or name).strip("/")
+    if not all(part.isidentifier() and part.isascii() for part in found.split("/")):
+        raise UserError(f"{where}: namespace is {found!r}: topics take letters, digits and underscores, not first")
+    return found
 
 
 def _check_alike(system: System, other: System, where: str) -> None:
@@ -237,17 +232,17 @@ def _check_alike(system: System, other: System, where: str) -> None:
             raise UserError(f"{where}: {name} has the {kind} {', '.join(its)}, the rig's are {', '.join(mine)}")
 
 
-def _given(content: Mapping[str, Any], key: str, variables: tuple[Variable, ...], where: str) -> dict[str, Any]:
-    """A section with an entry for each variable, by name."""
-    given, names = section(content, key, where), [item.name for item in variables]
-    for name in given:
-        if name not in names:
-            raise UserError(f"{where}: {key}.{name}: the system has no such {key[:-1]}; known are {', '.join(names)}")
-    return given
+def _check_names(given: Mapping[str, Any], kind: str, variables: tuple[Variable, ...], where: str) -> None:
+    """Raise UserErrors for the parts of a section that are of no variable."""
+    names = [item.name for item in variables]
+    if unknown := [name for name in given if name not in names]:
+        known = ", ".join(names)
+        raise UserErrors(f"{where}.{name}: the system has no such {kind}; known are {known}" for name in unknown)
 
 
 def _sensors(given: Mapping[str, Any], system: System, where: str) -> tuple[Sensor, ...]:
     """A sensor for each output, a plain one where none is declared."""
+    _check_names(given, "sensor", system.outputs, where)
     found = []
     for item in system.outputs:
         value, here = given.get(item.name), f"{where}.{item.name}"
@@ -275,6 +270,7 @@ def _factor(unit: str, si: str) -> float | None:
 
 def _actuators(given: Mapping[str, Any], system: System, where: str) -> tuple[Actuator, ...]:
     """An actuator for each input."""
+    _check_names(given, "actuator", system.inputs, where)
     for item in system.inputs:
         if item.name not in given:
             raise UserError(f"{where}.{item.name} is missing: it needs low and high [{item.unit}]")
@@ -343,3 +339,12 @@ def _references(content: Mapping[str, Any], system: System, where: str) -> dict[
             segments=tuple(segments),
         )
     return found
+
+
+PARTS: Mapping[str, Callable[[Mapping[str, Any], System, str], Any]] = {
+    "sensors": _sensors, "actuators": _actuators, "travel": _ranges,
+    "validity": lambda given, system, where: _ranges(given, system, where) if given else None,
+    "joints": Joints.of, "disturbances": _disturbances, "offsets": _offsets, "experiments": experiments_of,
+    "references": _references,
+}  # fmt: skip
+"""What makes each section of rig.yaml of the system that it is about."""

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.folder import HOME
 from hybrid_sysid_ros.runtime.parameters import declarations, parameters
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, UserErrors
 from tests.command_line import refused
 
 TANK = """
@@ -384,3 +384,14 @@ def test_bristles_at_rest_give_way_to_a_small_torque(structure):
 def test_values_of_a_rig_s_nodes_go_together(name: str) -> None:
     for node in declarations():
         assert parameters(name, node)
+
+
+def test_all_that_is_wrong_with_a_file_is_told_at_once(make):
+    """Each by the key of its section."""
+    wrong = "\nspeling: 1\ntravel: {nothing: [0, 1]}\noffsets: {nothing: 1.0}\nnamespace: a b\n"
+    folder = make(values=TANK_VALUES + wrong)
+    with pytest.raises(UserErrors) as problems:
+        rigs.load(folder)
+    keys = ("unknown key 'speling'", "namespace is", ": travel", ": offsets")
+    assert [sum(key in line for line in problems.value.lines) for key in keys] == [1] * len(keys)
+    assert all(line.startswith(f"{folder}/rig.yaml") for line in problems.value.lines)
