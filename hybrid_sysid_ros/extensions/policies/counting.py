@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.safety.certificate import DELTA, Certificate, SeedCounts
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
@@ -43,33 +44,54 @@ def certify(
     store: Path | None = None,
     progress: StageProgress | None = None,
 ) -> Certificate:
-    """Run the loops and count.
+    """Run the loops of a seed and count.
 
-    before: the policy's certificate so far, whose other seeds count as well.
-    workers: processes, 0 for one per core. cluster: address of a Dask scheduler in their place, or local. store: folder
-    where finished loops are kept until the end, so that an interrupted certification goes on; more loops go on from
-    fewer. Raises UserError for a number of loops or a delta that says nothing, and where the counts of the certificate
-    so far are of other loops.
+    before: the policy's certificate so far: its other seeds count as well, and this seed goes on from the loops that it
+    has there. workers: processes, 0 for one per core. cluster: address of a Dask scheduler in their place, or local.
+    store: folder where finished loops are kept until the end, so that an interrupted certification goes on. Raises
+    UserError for a number of loops or a delta that says nothing, and where the counts so far are of other loops.
     """
     if not 0.0 < delta < 1.0 or loops < 1:
         raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
     Drivers(trial)  # or say why not
-    stated, others = _stated(trial), _others(trial, before)
-    began, report = time.perf_counter(), progress or (lambda *_: None)
-    pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
+    stated, ledger = _stated(trial), _ledger(trial, before)
+    counted = ledger.get(trial.seed)
+    first = sum(counted.loops.values()) if counted is not None else 0
+    worst = list(before.worst) if before is not None else []
     kept: Store[NamedArrays] | None = Store(store, _purpose(trial)) if store is not None else None
-    report("closed loops", 0, loops)
-    found = parallel.run(
-        partial(measured, trial),
-        pieces,
-        workers=workers,
-        cluster=cluster,
-        store=kept,
-        progress=lambda done, _: report("closed loops", min(done * CHUNK, loops), loops),
+    if first < loops:
+        began, report = time.perf_counter(), progress or (lambda *_: None)
+        pieces = [(begin, min(begin + CHUNK, loops)) for begin in range(first, loops, CHUNK)]
+        report("closed loops", first, loops)
+        found = parallel.run(
+            partial(measured, trial),
+            pieces,
+            workers=workers,
+            cluster=cluster,
+            store=kept,
+            progress=lambda done, _: report("closed loops", min(first + done * CHUNK, loops), loops),
+        )
+        measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
+        new = _counted(trial, first, measures, reasons, seconds=time.perf_counter() - began)
+        ledger[trial.seed] = new if counted is None else _together(counted, new)
+        worst += _worst(trial.seed, first, measures)
+    certificate = Certificate(
+        policy=trial.seal,
+        model=trial.policy.model,
+        delta=delta,
+        **stated,
+        ledger=[*ledger.values()],
+        worst=_largest(worst),
     )
-    measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
-    places = np.arange(loops) % len(STRATA)
-    entry = SeedCounts(
+    if kept is not None:
+        kept.remove()
+    return certificate
+
+
+def _counted(trial: Trial, first: int, measures: Array, reasons: NDArray[np.int64], *, seconds: float) -> SeedCounts:
+    """What loops from ``first`` on kept: measures (loops, drivers, measures), reasons (loops, reasons)."""
+    places = (first + np.arange(len(measures))) % len(STRATA)
+    return SeedCounts(
         seed=trial.seed,
         loops={name: int(np.sum(places == place)) for place, name in enumerate(STRATA)},
         failed={
@@ -81,23 +103,30 @@ def certify(
         },
         check=dict(zip(REASONS, reasons.sum(0).tolist(), strict=True)),
         exact={
-            "periods": loops * trial.periods,
+            "periods": len(measures) * trial.periods,
             "not_converged": int(measures[:, EXACT, UNSOLVED].sum()),
         },
-        made={"seconds": round(time.perf_counter() - began, 1), "versions": versions()},
+        made={"seconds": round(seconds, 1), "versions": versions()},
     )
-    worst = list(_worst(trial.seed, measures))
-    certificate = Certificate(
-        policy=trial.seal,
-        model=trial.policy.model,
-        delta=delta,
-        **stated,
-        ledger=[*others, entry],
-        worst=_largest([*[case for case in before.worst if case["seed"] != trial.seed], *worst] if before else worst),
+
+
+def _together(counted: SeedCounts, new: SeedCounts) -> SeedCounts:
+    """Loops of a seed and those that follow them."""
+    return SeedCounts(
+        seed=new.seed,
+        loops=_sum(counted.loops, new.loops),
+        failed={
+            driver: {stratum: _sum(counted.failed[driver][stratum], counts) for stratum, counts in strata.items()}
+            for driver, strata in new.failed.items()
+        },
+        check=_sum(counted.check, new.check),
+        exact=_sum(counted.exact, new.exact),
+        made={**new.made, "seconds": counted.made.get("seconds", 0.0) + new.made["seconds"]},
     )
-    if kept is not None:
-        kept.remove()
-    return certificate
+
+
+def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
+    return {key: one.get(key, 0) + value for key, value in other.items()}
 
 
 def _stated(trial: Trial) -> dict[str, dict[str, Any]]:
@@ -107,14 +136,14 @@ def _stated(trial: Trial) -> dict[str, dict[str, Any]]:
     return {"distribution": plain(mixture), "criteria": plain(criteria)}
 
 
-def _others(trial: Trial, before: Certificate | None) -> list[SeedCounts]:
-    """What other seeds counted. Raises UserError where that was of another distribution or by other criteria."""
+def _ledger(trial: Trial, before: Certificate | None) -> dict[int, SeedCounts]:
+    """What was counted so far, by seed. Raises UserError where that was of another distribution or other criteria."""
     if before is None:
-        return []
+        return {}
     for name, now in _stated(trial).items():
         if getattr(before, name) != now:
             raise UserError(f"the certificate is of another {name}, with which counts can't be pooled; remove it first")
-    return [entry for entry in before.ledger if entry.seed != trial.seed]
+    return {entry.seed: entry for entry in before.ledger}
 
 
 def _largest(cases: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -137,8 +166,8 @@ def _purpose(trial: Trial) -> str:
     return f"{plain} {trial.plant.weights.tolist()} {trial.model.weights.tolist()}"
 
 
-def _worst(seed: int, measures: Array) -> Iterator[dict[str, Any]]:
-    """The loops with the largest errors of the input and of the cost."""
+def _worst(seed: int, first: int, measures: Array) -> Iterator[dict[str, Any]]:
+    """The loops with the largest errors of the input and of the cost, of those from ``first`` on."""
     for name, driver in JUDGED.items():
         rows = measures[:, driver]
         ratio = rows[:, COST] / np.maximum(measures[:, EXACT, COST], np.finfo(float).tiny)
@@ -148,7 +177,7 @@ def _worst(seed: int, measures: Array) -> Iterator[dict[str, Any]]:
                     "driver": name,
                     "by": criterion,
                     "seed": seed,
-                    "loop": loop,
+                    "loop": first + loop,
                     "input_error": float(rows[loop, ERROR]),
                     "period": int(rows[loop, WORST_PERIOD]),
                     "cost": float(rows[loop, COST]),

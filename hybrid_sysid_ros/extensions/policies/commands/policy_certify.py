@@ -63,7 +63,7 @@ def command(
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 
-    Ctrl-C keeps what is done; the same command goes on from there. A certificate of more loops is not replaced.
+    Ctrl-C keeps what is done; the same command goes on from there. Loops that are counted stay so.
     """
     trial = trial_of(policy, model, seed=seed, seconds=seconds)
     if again is not None:

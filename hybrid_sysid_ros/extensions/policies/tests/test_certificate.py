@@ -400,6 +400,16 @@ def test_every_seed_that_was_tried_counts(broken):
         certify(other, loops=10, before=one, workers=1)
 
 
+def test_more_loops_of_a_seed_go_on_from_those_that_are_counted(broken):
+    """Each is counted once, and the same command again counts nothing."""
+    few = certify(trial_of(broken), loops=37, workers=1)
+    more, whole = (certify(trial_of(broken), loops=90, before=before, workers=1) for before in (few, None))
+    for name in ("strata", "failed", "bounds", "worst"):
+        assert getattr(more, name) == getattr(whole, name)
+    assert (more.ledger[0].check, more.ledger[0].exact) == (whole.ledger[0].check, whole.ledger[0].exact)
+    assert certify(trial_of(broken), loops=90, before=more, workers=1) == more
+
+
 def test_a_policy_that_changed_meanwhile_is_not_certified(certified, law):
     folder, _, found = certified
     checked(law, seed=1).save(folder)
