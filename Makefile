@@ -1,6 +1,6 @@
 # make demo | test | test-slow | bench | lint | docs | clean: each sets up what it needs in .venv, with nothing but python3 and make.
 #   make mutants           which single-line mutants of gates and thresholds the tests do not kill
-#   make newest            some tests with the newest release of every dependency
+#   make newest            some tests with the newest release of every dependency; make oldest: with the oldest allowed
 #   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
 #   make demo CAMERA=1     films the rig and closes the loop by a camera alone, into out/demo_camera
 #   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
@@ -19,11 +19,14 @@ ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 endif
 
-.PHONY: demo test test-slow bench lint docs mutants newest clean again
+.PHONY: demo test test-slow bench lint docs mutants newest oldest clean again
 .NOTPARALLEL:
 
 demo: .venv/ros $(if $(TRAINED),.venv/train) $(if $(FILMED),.venv/video)
 	$(DEMO) --out $(OUT) $(if $(TRAINED),--train)
+
+# Hundreds of processes of the tests import the package: its bytecode is kept, whatever the environment says.
+test test-slow: export PYTHONDONTWRITEBYTECODE :=
 
 test: .venv/ros .venv/dev .venv/train
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m 'not slow'
@@ -46,8 +49,8 @@ docs: .venv/ros .venv/docs
 mutants: .venv/ros .venv/dev .venv/mutants
 	$(BIN)/python -m benchmarks.mutants
 
-newest: .venv/dev
-	$(BIN)/python -m benchmarks.newest
+newest oldest: .venv/dev
+	$(BIN)/python -m benchmarks.releases $@
 
 clean: # out/ may hold recordings: it stays
 	rm -rf .venv build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache
