@@ -32,6 +32,8 @@ STOPPED_LAST = ("recorder",)
 """Nodes that are stopped last, together with those that are not needed, which may want to see the end."""
 REFUSED = 2
 """Status of a node that says in a line what is wrong."""
+REPORTED = "reported"
+"""Word of a node whose last diagnostics have come."""
 TICK = 0.25  # s, between two calls of progress
 
 
@@ -51,6 +53,10 @@ class Child:
     listeners: list[threading.Thread] = field(default_factory=list)
     words: set[str] = field(default_factory=set)
     complaint: str = ""
+
+    def has_ended(self, word: str = "") -> bool:
+        """Whether its process has, or it has said a word."""
+        return bool(word and word in self.words) or self.process.poll() is not None
 
 
 def has_ros() -> bool:
@@ -165,21 +171,25 @@ class Session:
                 self._check(child)
 
     def stop(self) -> dict[str, dict[str, Any]]:
-        """Stop all nodes, the plant first and the recorder last; return the last diagnostics of each."""
+        """Stop all nodes, the plant first and the recorder last; return the last diagnostics of each.
+
+        A node that has reported these does no more: the next ones need not wait until its process has ended, in which
+        time a controller would come to rest for want of estimates and count that.
+        """
         groups: tuple[list[Child], ...] = [], [], []
         for child in self.children.values():
             last = child.node in STOPPED_LAST or not child.needed
             groups[0 if child.node in STOPPED_FIRST else 2 if last else 1].append(child)
-        for running in groups:
+        for running, enough in (*((group, REPORTED) for group in groups), ([*self.children.values()], "")):
             for number, timeout in STOP_TIMEOUTS:
                 end = time.monotonic() + timeout
-                running = [child for child in running if child.process.poll() is None]
+                running = [child for child in running if not child.has_ended(enough)]
                 for child in running:
                     if number == signal.SIGKILL:
                         self._tell(f"{child.node} does not end: killed")
                     # Before it is ready, Python itself would print a traceback for an interrupt.
                     child.process.send_signal(number if "ready" in child.words else max(number, signal.SIGTERM))
-                while time.monotonic() < end and any(child.process.poll() is None for child in running):
+                while time.monotonic() < end and not all(child.has_ended(enough) for child in running):
                     self._receive(0.02)
         for child in self.children.values():
             self._receive_last(child)
@@ -258,6 +268,8 @@ class Session:
         if stream == "stdout" and line.startswith("{"):
             with suppress(ValueError, KeyError):  # cut short, where the node was killed
                 said = json.loads(line)
+                if child.node != COMPOSED:  # which reports for several nodes, one by one
+                    child.words.add(REPORTED)
                 self.diagnostics[said.pop("node")] = said
         elif stream == "stdout":
             child.words.add(line)
