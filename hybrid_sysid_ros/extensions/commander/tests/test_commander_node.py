@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
+from hybrid_sysid_ros.extensions.commander.nodes import commander, configured_interpreter
 from hybrid_sysid_ros.extensions.commander.nodes.commander import CommanderNode
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
@@ -25,6 +27,23 @@ from hybrid_sysid_ros.nodes.operation import ControllerMode
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from tests.node_bench import VOLT, Bench
+
+
+class AtOnce(Thread):
+    """Runs where it is started."""
+
+    def start(self) -> None:
+        self.run()
+
+
+@pytest.fixture(autouse=True)
+def interpreting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interpreter is compiled and simulated within a turn of the executor, however long that takes on this machine,
+    and gives way to nobody: here is no loop in real time.
+    """
+    monkeypatch.setattr(configured_interpreter, "Thread", AtOnce)
+    for module in (configured_interpreter, commander):
+        monkeypatch.setattr(module, "give_way", lambda: None)
 
 
 class Loop:
