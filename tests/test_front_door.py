@@ -109,7 +109,10 @@ WRONG: list[Case] = [
     ("rig", lambda t: hs.load_rig("~nosuchuser/x")),
     ("rig", lambda t: hs.read_bag(BAGS / "beam_multisine", t.record)),
     ("path", lambda t: hs.read_bag(t.record, "cam_beam")),
-    ("nowhere", lambda t: hs.read_bag("nowhere", "cam_beam")),
+    ("path", lambda t: hs.read_bag("nowhere", "cam_beam")),
+    ("signals", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", signals="nowhere.yaml")),
+    ("signals", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", signals=BAGS)),
+    ("period", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", period=1e300)),
     ("topic", lambda t: hs.read_bag(BAGS / "wheel_motor_multisine", "cam_beam")),
     ("period", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", period=-1.0)),
     ("period", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", period="1")),  # type: ignore[arg-type]
@@ -156,6 +159,12 @@ WRONG: list[Case] = [
     ("name", lambda t: made(name="a\nb")),
     ("name", lambda t: made(name="../../x")),
     ("name", lambda t: made(name="")),
+    ("time", lambda t: Record(name="a", time="now", input=WAVE[:, None], output=WAVE[:, None])),  # type: ignore[arg-type]
+    ("input", lambda t: Record(name="a", time=TIME, input=[[1], [1, 2]], output=WAVE[:, None])),  # type: ignore[arg-type]
+    ("channels", lambda t: Record(name="a", time=TIME, input=WAVE[:, None], output=WAVE[:, None], channels=WAVE)),  # type: ignore[arg-type]
+    ("a part", lambda t: t.record.part("0", 1)),  # type: ignore[arg-type]
+    ("a part", lambda t: t.record.part(0, np.nan)),
+    ("every", lambda t: t.record.part(0, 1, every=0)),
     # identify
     ("records", lambda t: hs.identify([], "cam_beam")),
     ("records", lambda t: hs.identify(None, "cam_beam")),  # type: ignore[arg-type]
@@ -196,6 +205,8 @@ WRONG: list[Case] = [
     ("folder", lambda t: t.policy.certificate.save(None)),
     ("is a file", lambda t: t.model.save(__file__)),
     ("model", lambda t: hs.load_model(TRAINED / "cam_beam")),
+    ("rig", lambda t: hs.load_model(TRAINED / "cam_beam" / "model", rig=WAVE)),  # type: ignore[arg-type]
+    ("rig", lambda t: hs.load_policy(TRAINED / "cam_beam" / "policy", rig=[])),  # type: ignore[arg-type]
     ("record", lambda t: t.model.score("bags/beam_multisine")),
     ("record", lambda t: t.model.score([t.record])),
     ("record", lambda t: t.other.free_run(t.record)),

@@ -29,6 +29,9 @@ from hybrid_sysid_ros.support.files import sha256
 
 logger = logging.getLogger(__name__)
 
+LONGEST_PERIOD = 1e6
+"""Longest sampling time of a record [s]."""
+
 Key = tuple[str, int | str]  # input or output and its number, channel and its name
 
 
@@ -50,8 +53,8 @@ def read(path: Path | str, signals: Signals, *, period: float | None = None, rec
 
     Raises UserError where bag, topic, field, number, stamp or period is missing or wrong.
     """
-    if period is not None and not 0 < period < np.inf:
-        raise UserError(f"period is {period:g}: it needs seconds above 0")
+    if period is not None and not 0 < period <= LONGEST_PERIOD:
+        raise UserError(f"period is {period:g}: it needs seconds above 0 and at most {LONGEST_PERIOD:g}")
     with opened(path, recover=recover) as bag:
         return _Reading(bag, signals, period).record()
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
 
 UNIFORMITY = 1e-6  # largest deviation from the uniform grid, in sampling times
 
@@ -42,8 +42,10 @@ class Record:
 
     def __post_init__(self) -> None:
         for key in ("time", "input", "output"):
-            object.__setattr__(self, key, np.ascontiguousarray(getattr(self, key), dtype=np.float64))
-        channels = {key: np.ascontiguousarray(value, dtype=np.float64) for key, value in self.channels.items()}
+            object.__setattr__(self, key, self._numbers(key, getattr(self, key)))
+        if not isinstance(self.channels, Mapping):
+            raise UserError(f"record {self.name}: channels is {shown(self.channels)}; give a mapping of arrays by name")
+        channels = {key: self._numbers(f"channel {key}", value) for key, value in self.channels.items()}
         object.__setattr__(self, "channels", channels)
         self._check_shapes()
         self._check_time()
@@ -88,8 +90,14 @@ class Record:
 
         Raises UserError where the fractions are not 0 <= start < stop <= 1, or fewer than two samples are left.
         """
-        if not 0.0 <= start < stop <= 1.0:
-            raise UserError(f"record {self.name}: a part needs 0 <= start < stop <= 1, not {start:g} to {stop:g}")
+        if (
+            not all(isinstance(end, int | float | np.integer | np.floating) for end in (start, stop))
+            or not 0 <= start < stop <= 1
+        ):
+            given = f"{shown(start)} to {shown(stop)}"
+            raise UserError(f"record {self.name}: a part needs two numbers 0 <= start < stop <= 1, not {given}")
+        if not isinstance(every, int | np.integer) or every < 1:
+            raise UserError(f"record {self.name}: every is {shown(every)}; give a whole number from 1 on")
         chosen = slice(self.cut(start, every), self.cut(stop, every))
         if chosen.stop - chosen.start < 2:
             raise UserError(f"record {self.name}: no samples from {start:g} to {stop:g} of {self.samples} samples")
@@ -111,6 +119,12 @@ class Record:
         """The sample at a fraction of the record, a multiple of `every`, or the number of samples for 1."""
         return self.samples if fraction == 1.0 else every * round(fraction * self.samples / every)
 
+    def _numbers(self, key: str, value: object) -> NDArray[np.float64]:
+        try:
+            return np.ascontiguousarray(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise UserError(f"record {self.name}: {key} is {shown(value)}; give an array of numbers") from error
+
     def _check_shapes(self) -> None:
         if self.time.ndim != 1 or len(self.time) < 2:
             raise UserError(f"record {self.name}: time has shape {self.time.shape}: it needs (samples,), 2 or more")
@@ -122,8 +136,8 @@ class Record:
         if self.measured is not None:
             named["measured"] = self.measured
         for key, value in named.items():
-            if value.shape != (self.samples,):
-                raise UserError(f"record {self.name}: {key} has shape {value.shape}, not ({self.samples},)")
+            if np.shape(value) != (self.samples,):
+                raise UserError(f"record {self.name}: {key} has shape {np.shape(value)}, not ({self.samples},)")
 
     def _check_time(self) -> None:
         if not np.isfinite(self.time).all():

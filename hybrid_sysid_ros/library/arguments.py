@@ -66,6 +66,11 @@ def rig_of(value: RigLike, argument: str = "rig") -> Rig:
         return rigs.load(value)
 
 
+def source_of(rig: RigLike) -> str:
+    """Name or folder of a rig, which is then known by its name; "" where none is given."""
+    return "" if isinstance(rig, str) and not rig else rig_of(rig).source
+
+
 def given_records(value: object, rig: Rig, argument: str = "records") -> list[Record]:
     """One record or several, of a rig."""
     found = [value] if isinstance(value, Record | str | Path) else value

@@ -182,7 +182,7 @@ def load_model(folder: str | Path, *, rig: str | Path = "") -> Model:
     """Read a model folder. rig: folder of its rig, where that is not known by name. Raises UserError where a file
     is missing, altered or newer, or the model does not fit its rig.
     """
-    return Model.of(models.load(path_of(folder, "folder"), rig=arguments.rig_of(rig).source if rig else ""))
+    return Model.of(models.load(path_of(folder, "folder"), rig=arguments.source_of(rig)))
 
 
 def sealed(model: object, rig: Rig | None = None) -> Model:

@@ -135,8 +135,7 @@ def load_policy(folder: str | Path, model: AnyModel | None = None, *, rig: str |
     where that is not known by name. Raises UserError for a missing or altered file, and another model.
     """
     place = path_of(folder, "folder")
-    if rig:
-        arguments.rig_of(rig)
+    arguments.source_of(rig)
     own = policies.load(place, certified=False).rig
     used = load_model(shipped(own, "model")) if model is None else sealed(model, arguments.rig_of(own))
     return Policy.of(policies.load(place, model=used), used)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -53,6 +54,10 @@ def read_bag(
     chosen = None if signals is None else path_of(signals, "signals")
     kept = arguments.number_of(period, "period", low=0.0, unit="s")
     cut = arguments.flag_of(recover, "recover")
+    if not os.path.exists(place):
+        raise UserError(f"path is {shown(path)}, which is not there; give the path of a bag")
+    if chosen is not None and not os.path.isfile(chosen):
+        raise UserError(f"signals is {shown(signals)}, which is no file; give a YAML file of signals")
     return checked_bag(place, described, signals=chosen, period=kept, recover=cut, doubtful=_warn)
 
 
