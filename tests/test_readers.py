@@ -343,7 +343,9 @@ def test_names_of_a_model_that_are_none_are_refused(tmp_path, free):
         models.load(tmp_path / "model")
 
 
-@pytest.mark.parametrize("change", [{"ledger": []}, {"delta": []}, {"bounds": {}}, {"ledger": [{"seed": 2}]}])
+@pytest.mark.parametrize(
+    "change", [{"ledger": []}, {"delta": []}, {"bounds": {}}, {"ledger": [{"seed": 2}]}, {"worst": [{"loop": 1}]}]
+)
 def test_a_certificate_of_nonsense_is_refused(tmp_path, change):
     content = yaml.safe_load((TRAINED / "policy" / "certificate.yaml").read_text())
     seals = {key: content[key] for key in ("policy", "model")}

@@ -27,6 +27,9 @@ ALL, MIXTURE = "all", "mixture"
 ROUNDING = 1e-9
 """Of a bound that is written down."""
 
+CASE = {"driver": str, "by": str, "seed": int, "loop": int, "input_error": float, "period": int, "cost": float}
+"""What is said of one of the worst loops, beside the exact_cost."""
+
 Failures = Mapping[str, Mapping[str, Mapping[str, int]]]
 """By driver, stratum and criterion: how many loops did not keep it."""
 
@@ -103,6 +106,10 @@ class Certificate:
             raise UserError(f"delta is {self.delta!r}: it needs a number between 0 and 1")
         for name in ("distribution", "criteria"):
             _mapping(getattr(self, name), name)
+        for case in self.worst:
+            kinds = {name: type(value) for name, value in _mapping(case, "worst").items()}
+            if kinds != {**CASE, "exact_cost": float}:
+                raise UserError(f"worst has a loop of {kinds}: it needs {', '.join(CASE)} and exact_cost")
         seeds = [entry.seed for entry in self.ledger]
         if not seeds or len({*seeds}) != len(seeds):
             raise UserError(f"ledger has seeds {seeds}: it needs each once, and one at least")
