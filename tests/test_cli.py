@@ -263,9 +263,9 @@ def test_an_unknown_experiment_gets_one_line(command, tmp_path):
     ("arguments", "words"),
     [
         (("identify", MULTISINE), ["--out", "see hybrid-sysid identify --help"]),
-        (("identify", "--out", "model"), ["bag", "see hybrid-sysid identify --help"]),
+        (("identify", "--out", "model"), ["missing argument", "see hybrid-sysid identify --help"]),
         (("identify", MULTISINE, "--out", "model", "--seed", "-1"), ["--seed", "see hybrid-sysid identify --help"]),
-        (("identify", MULTISINE, "--out", "model", "--step", "five"), ["--step", "number"]),
+        (("identify", MULTISINE, "--out", "model", "--step", "five"), ["--step", "valid"]),
         (("identify", MULTISINE, "--color", "red"), ["--color", "see hybrid-sysid identify --help"]),
         (("policy", "banana"), ["banana", "see hybrid-sysid policy --help"]),
         (("banana",), ["banana", "see hybrid-sysid --help"]),
