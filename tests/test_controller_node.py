@@ -292,7 +292,8 @@ def test_under_supervision_the_network_drives_while_its_plans_are_good(
     bench: Bench, model_folder: Path, planning_folder: Path
 ) -> None:
     """At rest on the reference the P controller's plan is as good as any; from afar it is not."""
-    wheel = Wheel(bench, model_folder, planning_folder, lockstep=True, policy="supervised", check_patience=2)
+    given = {"lockstep": True, "policy": "supervised", "check_patience": 2, "check_step": [0.0]}
+    wheel = Wheel(bench, model_folder, planning_folder, **given)
     wheel.refer([0.0] * 3)
     at_rest = [wheel.command(0.0) for _ in range(4)]
     assert at_rest[-1] == pytest.approx(1.0)
