@@ -17,6 +17,7 @@ import pytest
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.control import MpcSolution, Status
 from hybrid_sysid_ros.identification import evaluate
 from hybrid_sysid_ros.library.arguments import given_columns
 from hybrid_sysid_ros.support import extensions
@@ -40,6 +41,17 @@ def beam() -> Record:
 def turning(value: float) -> Callable[[Any], Any]:
     """A reference that is wrong from 1.5 s on."""
     return lambda times: np.where(times > 1.5, value, 0.0)[:, None]
+
+
+def own(control: Callable[..., Any], **changes: Any) -> Any:
+    """A controller as a user writes one."""
+    methods = {"control": control, "prepare": lambda elapsed: None, "reset": lambda: None}
+    return SimpleNamespace(**{"horizon": 5, "period": 0.05, **methods, **changes})
+
+
+def gives(value: Any) -> Any:
+    """A controller that answers everything with this input."""
+    return own(lambda *instance: MpcSolution(value, value, value, Status.FEEDBACK))
 
 
 class Frame:
@@ -218,6 +230,15 @@ WRONG: list[Case] = [
     ("plant", lambda t: hs.simulate("cam_beam", t.model, plant=t.other, seconds=1)),
     ("controller", lambda t: hs.simulate("cam_beam", t.model, controller="pid")),
     ("controller", lambda t: hs.simulate("cam_beam", t.model, controller=object())),  # type: ignore[arg-type]
+    (
+        "controller.control fails: ZeroDivisionError",
+        lambda t: hs.simulate("cam_beam", t.model, controller=own(lambda *_: 1 / 0)),
+    ),
+    ("controller.control gives 3", lambda t: hs.simulate("cam_beam", t.model, controller=own(lambda *_: 3))),
+    ("shape (1,)", lambda t: hs.simulate("cam_beam", t.model, controller=gives(np.zeros(2)))),
+    ("controller.control is nan", lambda t: hs.simulate("cam_beam", t.model, controller=gives(np.array([np.nan])))),
+    ("controller.horizon", lambda t: hs.simulate("cam_beam", t.model, controller=own(len, horizon="a"))),
+    ("controller.period", lambda t: hs.simulate("cam_beam", t.model, controller=own(len, period=0.0))),
     ("policy", lambda t: hs.simulate("wheel_motor", t.other, controller=t.policy)),
     ("policy", lambda t: hs.simulate("cam_beam", t.model, policy=t.policy)),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference="stairs")),
@@ -242,6 +263,8 @@ WRONG: list[Case] = [
     ("model", lambda t: hs.train_policy("wheel_motor", t.model)),
     ("episodes", lambda t: hs.train_policy("cam_beam", t.model, episodes=1)),
     ("hidden", lambda t: hs.train_policy("cam_beam", t.model, hidden=64)),  # type: ignore[arg-type]
+    ("hidden", lambda t: hs.train_policy("cam_beam", t.model, hidden=())),
+    ("hidden", lambda t: hs.train_policy("cam_beam", t.model, hidden=np.array(64.5))),  # type: ignore[arg-type]
     ("follow", lambda t: hs.train_policy("cam_beam", t.model, follow="coulomb")),  # type: ignore[arg-type]
     ("folder", lambda t: hs.load_policy(None)),  # type: ignore[arg-type]
     ("policy", lambda t: hs.load_policy(TRAINED / "cam_beam" / "model")),
@@ -251,6 +274,7 @@ WRONG: list[Case] = [
     ("delta", lambda t: hs.certify(t.policy, loops=10, delta="1 %")),  # type: ignore[arg-type]
     ("at most 0.999", lambda t: hs.certify(t.policy, loops=10, delta=1)),
     ("seconds", lambda t: hs.certify(t.policy, seconds=99.0)),
+    ("seconds", lambda t: hs.certify(t.policy, loops=1, seconds=0.05, workers=1)),
     ("model", lambda t: hs.export("trained/cam_beam/model", "out")),  # type: ignore[arg-type]
     ("out", lambda t: hs.export(t.model, 3)),  # type: ignore[arg-type]
     ("format", lambda t: hs.export(t.policy, "out", format="matlab")),

@@ -11,7 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hybrid_sysid_ros.control import Controller, ControlProblem, Status
+from hybrid_sysid_ros.control import Controller, ControlProblem, MpcSolution, Status
+from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, OutputReference
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.library import arguments
@@ -107,6 +108,28 @@ class Loop:
         from hybrid_sysid_ros.report.drawing import loop_figure
 
         return loop_figure(self.rig, self.time, self.outputs, self.reference, self.inputs)
+
+
+class _Checked:
+    """A controller of the user. Its errors name it, and its answers are checked."""
+
+    def __init__(self, own: Controller, inputs: int) -> None:
+        self.horizon = arguments.whole_of(own.horizon, "controller.horizon", low=1, high=10**6)
+        self.period = arguments.number_of(own.period, "controller.period", low=0.0, above=True, unit="s")
+        self.prepare = arguments.guarded(own.prepare, "controller.prepare", "the elapsed time")
+        self.reset = arguments.guarded(own.reset, "controller.reset", "nothing")
+        instance = "state, disturbance, previous_input, preview"
+        self._control, self._inputs = arguments.guarded(own.control, "controller.control", instance), inputs
+
+    def control(self, *instance: Array) -> MpcSolution:
+        found: MpcSolution = self._control(*instance)
+        answer: tuple[Any, Any] = getattr(found, "input", None), getattr(found, "status", None)
+        if not isinstance(answer[1], Status) or np.shape(answer[0]) != (self._inputs,):
+            raise UserError(
+                f"controller.control gives {shown(found)}; give an MpcSolution whose input has shape ({self._inputs},)"
+            )
+        arguments.array_of(answer[0], "input of controller.control")
+        return found
 
 
 def simulate(
@@ -213,7 +236,8 @@ def _controller(
                 f"has {', '.join(METHODS)}"
             )
         problem = getattr(controller, "problem", None)
-        return problem if isinstance(problem, ControlProblem) else mpc_problem(settings, rig, model.system), controller
+        judged = problem if isinstance(problem, ControlProblem) else mpc_problem(settings, rig, model.system)
+        return judged, controller if isinstance(controller, Cascade) else _Checked(controller, len(rig.system.inputs))
     if isinstance(controller, Policy):
         policy, controller = controller, "network"
     name = arguments.choice_of(controller, "controller", CONTROLLERS)

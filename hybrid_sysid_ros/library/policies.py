@@ -242,6 +242,7 @@ def _seal(policy: policies.Policy) -> str:
 
 
 def _widths(value: object) -> tuple[int, ...]:
-    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str):
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or not np.size(value):
         raise UserError(f"hidden is {shown(value)}; give the widths of the layers, such as (64, 64)")
-    return tuple(arguments.whole_of(width, f"hidden[{index}]", low=1, high=MOST) for index, width in enumerate(value))
+    widths = np.atleast_1d(value) if isinstance(value, np.ndarray) else value
+    return tuple(arguments.whole_of(width, f"hidden[{index}]", low=1, high=MOST) for index, width in enumerate(widths))
