@@ -17,7 +17,7 @@ from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.policies.counting import certify
-from hybrid_sysid_ros.extensions.policies.criteria import Criteria
+from hybrid_sysid_ros.extensions.policies.criteria import SETTLED, Criteria
 from hybrid_sysid_ros.extensions.policies.mixture import Mixture
 from hybrid_sysid_ros.extensions.policies.trial import Trial
 from hybrid_sysid_ros.models import Model, storage
@@ -91,12 +91,17 @@ def trial_with(imitation: Policy, seal: str, loaded: Model, *, seed: int = 0, se
     rig = rigs.load(imitation.rig)
     system = controller_model(rig, loaded.system)
     mixture, plant = _mixture(rig, loaded.system, system)
+    mixture = mixture if seconds is None else replace(mixture, seconds=seconds)
+    periods = round(mixture.seconds / imitation.period)
+    if round(SETTLED * periods) >= periods:
+        wanted = f"three of the policy's periods of {imitation.period:g} s or more"
+        raise UserError(f"seconds is {mixture.seconds:g}, without a settled part; give {wanted}")
     return Trial(
         policy=imitation,
         seal=seal,
         plant=controller_model(rig, plant),
         model=system,
-        mixture=mixture if seconds is None else replace(mixture, seconds=seconds),
+        mixture=mixture,
         criteria=_criteria(rig, system, imitation.problem),
         tolerances=check_tolerances(configuration.defaults(rig.name, "controller"), rig, imitation.problem),
         seed=seed,
