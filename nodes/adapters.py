@@ -144,7 +144,8 @@ class EstimatorAdapter:
         expected = self._expected(estimate) if any(self.monitor.left_out) else None
         self.monitor.judge(self.shown, estimate.normalised, expected, elapsed)
         self.diverged = bool((np.abs(estimate.disturbance) >= self._limits).any())
-        self._doubted = self._doubted + elapsed if self.doubt > 1.0 else 0.0
+        astray = self.monitor.is_contradicted or self.diverged
+        self._doubted = self._doubted + elapsed if astray else 0.0
         if self._doubted > ASTRAY:
             self._doubted = 0.0
             self.filter.reset()

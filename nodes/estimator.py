@@ -126,7 +126,6 @@ class EstimatorNode(RigNode):
         if self.stamp and 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
             self.too_soon += 1
         self.adapter.given[:] = given
-        self.recent.append(((stamp - self.zero) / SECOND, given))
         try:
             estimate = self.adapter.update((stamp - self.zero) / SECOND)
         except UserError as error:  # there is no reading yet
@@ -134,6 +133,9 @@ class EstimatorNode(RigNode):
             self.waiting = given, stamp
             self.get_logger().warning(str(error), once=True)
             return
+        finally:  # without the readings of frozen sensors
+            shown = [*self.adapter.shown.tolist(), *self.adapter.applied.tolist()]
+            self.recent.append(((stamp - self.zero) / SECOND, shown))
         self.waiting = None
         if any(map(math.isfinite, self.adapter.outputs.tolist())):
             self.usable = max(stamp, self.usable)

@@ -122,7 +122,8 @@ class SensorMonitor:
 
     def renew(self) -> None:
         """Forget the innovations of an estimate that has begun anew."""
-        self._mean, self._long = [1.0] * len(self._noise), [1.0] * len(self._noise)
+        count = len(self._noise)
+        self._mean, self._long, self._large = [1.0] * count, [1.0] * count, [0.0] * count
 
     def screen(self, outputs: Array) -> None:
         """Take the readings of the sensors that are left out from outputs (outputs,), in place."""
@@ -158,7 +159,7 @@ class SensorMonitor:
             self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
             square = min(square, LASTING * self._largest)  # so that it is forgotten soon
             self._long[k] += min(elapsed / LONG_AVERAGE, 1.0) * (square - self._long[k])
-        large = max(self._mean[k], LASTING * self._long[k]) / self._largest
+        large = self._large[k] = max(self._mean[k], LASTING * self._long[k]) / self._largest
         small = self._least / self._long[k] if self._long[k] > 0.0 else CLEAREST * (self._least > 0.0)
         return max(large, small)
 
@@ -188,6 +189,11 @@ class SensorMonitor:
     def without(self) -> int:
         """How many sensors the estimate has to do without now."""
         return sum(out or self.is_missing(k) for k, out in enumerate(self.left_out))
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether innovations are too large, not only too small, which leads no estimate astray."""
+        return any(r > 1.0 and not out for r, out in zip(self._large, self.left_out, strict=True))
 
     @property
     def doubt(self) -> float:
