@@ -306,3 +306,13 @@ def test_the_list_of_commands_loads_none_of_them():
 def test_the_demo_says_at_once_where_it_cannot_write(command, tmp_path):
     (tmp_path / "file").write_text("")
     refused(command("demo", "--out", tmp_path / "file" / "demo"), "file/demo", "--out")
+
+
+def test_what_was_identified_is_there_as_json(command, tmp_path):
+    arguments = ["--structure", "linear", "--step", "0.05", "--part", "0:0.3", "--out", tmp_path / "model", "--json"]
+    status, out, _ = command("identify", MULTISINE, *arguments)
+    assert status == 0
+    found = json.loads(out)
+    assert found["structure"] == "linear"
+    assert {"value", "standard_error", "unit"} == set(next(iter(found["parameters"].values())))
+    assert 0.5 < next(iter(found["scores"].values()))["r2"] <= 1.0

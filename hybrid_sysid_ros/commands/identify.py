@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report as reports
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
@@ -53,6 +55,7 @@ def command(
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
     overwrite: terminal.Overwrite = False,
+    as_json: terminal.Json = False,
 ) -> None:
     """Identify a model from bags."""
     check_folder(out, marker="model.yaml", replace=overwrite)
@@ -81,7 +84,28 @@ def command(
             progress=progress,
         )
     model.save(out)
-    console.print(f"{structure}: {model.kind.summary}")
+    parts = [(record, Part.parse(part)) for record in records]
+    tell = status if as_json else console
+    if as_json:
+        console.print(json.dumps(_content(model), indent=2))
+    else:
+        _show(model, described, parts)
+    curves: dict[str, FrictionCurve] = {}
+    if other is not None and speeds is not None:
+        curves = {name: friction_curve(each.system, speeds) for name, each in ((str(out), model), (str(beside), other))}
+        if not as_json:
+            print_table(friction_table(curves, described))
+    if report is not None:
+        section = reports.identification_section(model, parts)
+        section = replace(section, friction=curves)
+        reports.write_report(report, section, None, reports.provenance(load_model(out, rig=rig), " ".join(sys.argv)))
+        tell.print(f"report: {report}")
+    tell.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
+
+
+def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> None:
+    """Print what was found, and what to doubt of it."""
+    console.print(f"{model.structure}: {model.kind.summary}")
     print_table(parameter_table(model))
     for line in model.kind.lines(model.system):
         console.print(line)
@@ -90,26 +114,33 @@ def command(
     for group in model.fit.get("groups", ()):
         console.print(f"known together: {ParameterGroup(**group)}")
     for name, scores in model.scores.items():
-        for output, own in scores.get("outputs", {described.system.outputs[0].name: scores}).items():
+        for output, own in scores.get("outputs", {rig.system.outputs[0].name: scores}).items():
             if not own["r2"] > EXPLAINED:
                 console.print(
                     f"doubt: over {name}, which it was fitted to, R2 of its run is {own['r2']:.2f} for {output}: "
                     "the model does not explain it, or its units or scales are wrong"
                 )
-    title = "training" if described.experiments.stabiliser is None else "training, closed by the stabiliser"
-    print_table(terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, title))
-    if rows := stages_of(model, [(record, Part.parse(part)) for record in records]):
+    title = "training" if rig.experiments.stabiliser is None else "training, closed by the stabiliser"
+    print_table(terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, rig, title))
+    if rows := stages_of(model, records):
         print_table(stages_table(rows))
-    curves: dict[str, FrictionCurve] = {}
-    if other is not None and speeds is not None:
-        curves = {name: friction_curve(each.system, speeds) for name, each in ((str(out), model), (str(beside), other))}
-        print_table(friction_table(curves, described))
-    if report is not None:
-        section = reports.identification_section(model, [(record, Part.parse(part)) for record in records])
-        section = replace(section, friction=curves)
-        reports.write_report(report, section, None, reports.provenance(load_model(out, rig=rig), " ".join(sys.argv)))
-        console.print(f"report: {report}")
-    console.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
+
+
+def _content(model: Model) -> dict[str, Any]:
+    """What was found, as JSON has it."""
+    errors, system = model.standard_errors, model.system
+    return {
+        "structure": model.structure,
+        "rig": model.rig,
+        "parameters": {
+            item.name: {"value": value, "standard_error": errors.get(item.name), "unit": item.unit}
+            for item, value in zip(system.parameters, system.values.tolist(), strict=True)
+            if not item.learned
+        },
+        "scores": {name: dict(scores) for name, scores in model.scores.items()},
+        "doubts": [str(doubt) for doubt in doubts(model)],
+        "seconds": model.fit["seconds"],
+    }
 
 
 def friction_table(curves: Mapping[str, FrictionCurve], rig: Rig) -> Table:
