@@ -137,11 +137,11 @@ class RigNode(ManagedNode):
     @property
     def signature(self) -> str:
         """frame_id of the node's messages, which distinguishes publishers; "" in lockstep, so that runs repeat."""
-        return "" if self.settings["lockstep"] else f"{self.get_fully_qualified_name()} {os.getpid()}"
+        return "" if self.settings.get("lockstep") else f"{self.get_fully_qualified_name()} {os.getpid()}"
 
     def validator(self, topic: str) -> MessageValidator:
         """The validator of one of the rig's topics, within the limits of the node's parameters."""
-        settings, timed = self.settings, not self.settings["lockstep"]
+        settings, timed = self.settings, not self.settings.get("lockstep")
         self.validators[topic] = validator = MessageValidator(
             topics.TYPES[topic],
             clock=self.now if timed else None,

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.identification.validation.identifiability import correlated, correlation, doubts
+from hybrid_sysid_ros.identification.validation.identifiability import at_bound, correlated, correlation, doubts
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 
@@ -83,6 +83,14 @@ def test_a_bound_is_doubted_whatever_the_error():
     assert "stands at its lower bound 0" in str(doubt)
     (doubt,) = doubts(model(values={"asymmetry": 0.4999}))
     assert "stands at its upper bound 0.5" in str(doubt)
+
+
+@pytest.mark.parametrize(
+    ("value", "doubted"), [(0.01, True), (0.0105, True), (5.0, False), (500.0, False), (995.0, True)]
+)
+def test_a_bound_of_many_decades_is_near_by_magnitude(value: float, doubted: bool):
+    frequency = dataclasses.replace(FREE[0], low=0.01, high=1000.0)
+    assert at_bound(frequency, value) is doubted
 
 
 def test_weights_of_a_network_are_not_doubted():

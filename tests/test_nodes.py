@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
@@ -187,3 +189,9 @@ def test_a_driver_is_heard_whatever_it_offers(bench: Bench, model_folder: Path, 
         return len(estimates) > 3
 
     bench.until(answered)
+
+
+def test_a_node_of_an_extension_needs_no_parameter_lockstep() -> None:
+    settings = {"stamp_ahead": 1.0, "stamp_behind": 1.0, "silence": 1.0}
+    node: Any = SimpleNamespace(settings=settings, validators={}, now=lambda: 0)
+    assert RigNode.validator(node, "joint_command") is node.validators["joint_command"]

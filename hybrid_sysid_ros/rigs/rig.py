@@ -196,7 +196,7 @@ def _read(found: folders.RigFolder) -> Rig:
     system, structures = folders.systems_of(found)
     made, problems = dict[str, Any](), list[str]()
     with collected(problems):
-        refuse_unknown(content, (*extensions.targets("sections"), *OF_EXTENSIONS), where)
+        refuse_unknown(content, tuple(dict.fromkeys((*extensions.targets("sections"), *OF_EXTENSIONS))), where)
     for other in structures.values():
         with collected(problems):
             _check_alike(system, other, str(found.path / folders.SYSTEM))

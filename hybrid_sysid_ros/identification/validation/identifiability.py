@@ -106,6 +106,9 @@ def correlation(covariance: Array) -> Array:
 
 
 def at_bound(item: Parameter, value: float) -> bool:
-    """Whether a fitted parameter is at one of its bounds."""
+    """Whether a fitted parameter is at one of its bounds; at a lower bound above 0 by magnitude, too, since 5 rad/s are
+    far from 0.01 rad/s though both are small beside 1000.
+    """
     share = (value - item.low) / (item.high - item.low)
-    return not item.fixed and not AT_BOUND < share < 1.0 - AT_BOUND
+    small = item.low <= 0.0 or value <= item.low * (item.high / item.low) ** AT_BOUND
+    return not item.fixed and ((not share > AT_BOUND and small) or not share < 1.0 - AT_BOUND)
