@@ -259,6 +259,7 @@ WRONG: list[Case] = [
     ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"horizon": 10})),
     ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.horizons": 10})),
     ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.horizon": -3})),
+    ("input_rate", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.rate_limit": [1.0]})),
     # policies and what leaves
     ("model", lambda t: hs.train_policy("wheel_motor", t.model)),
     ("episodes", lambda t: hs.train_policy("cam_beam", t.model, episodes=1)),

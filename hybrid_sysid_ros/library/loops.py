@@ -24,7 +24,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem, shipped
 from hybrid_sysid_ros.runtime.configuration import parameters as parameters_of
 from hybrid_sysid_ros.runtime.controllers import controller_of
-from hybrid_sysid_ros.runtime.parameters import check_rules
+from hybrid_sysid_ros.runtime.parameters import check_rules, unknown
 from hybrid_sysid_ros.runtime.references import KINDS, signal_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
@@ -215,8 +215,9 @@ def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str
         node, _, key = str(name).partition(".")
         arguments.choice_of(node, f"the node of parameters[{name!r}]", NODES)
         known = parameters_of(rig, node)
-        arguments.choice_of(key, f"the parameter of parameters[{name!r}]", known)
         with arguments.within(f"parameters[{name!r}]"):
+            if key not in known:
+                raise unknown(key, known)
             values[node][key] = known[key].checked(value)
             check_rules(known, values[node])
     for node in NODES:
