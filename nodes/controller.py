@@ -25,7 +25,7 @@ from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.operation import ControllerMode, Operation
 from hybrid_sysid_ros.nodes.preview import Preview
-from hybrid_sysid_ros.nodes.process import run
+from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.nodes.validation import StampOrder
 from hybrid_sysid_ros.support.arrays import Array
@@ -47,14 +47,12 @@ class ControllerNode(RigNode):
     Without supervision the network or the exact MPC is the first layer. References are clamped to the rig's travel.
     Before the first reference the outputs are held where they were found; in lockstep an estimate waits for a
     reference that covers its preview. The node advertises joint_command once a publisher of estimates is there.
-
     Before that the guard judges estimate, actuators and state, and slows the loop down, holds or rests it. Coming
     back, the reference begins where the rig is.
 
     Services: stop brings the inputs to rest within stop_seconds and leaves them there, hold holds the outputs where
     they are, enable drives again, reset begins a new experiment, arm lets a loop move whose checks pass, disarm takes
-    that back, estop, or true on the topic estop, rests it at once until it is reset and armed. Other parameters make
-    another controller while the loop runs. The state is read by name from the entries NAME_ahead.
+    that back, estop, or true on the topic estop, rests it at once until it is reset and armed.
     """
 
     NAME = "controller"
@@ -64,7 +62,7 @@ class ControllerNode(RigNode):
 
     def configure(self) -> None:
         self.lockstep: bool = self.settings["lockstep"]
-        self.operation = Operation(armed=self.settings["armed"])
+        self.operation = Operation(armed=self.settings["armed"], tell=announce)
         self.use(self.adapter_of(self.settings))
 
     def adapter_of(self, settings: Mapping[str, Any]) -> ControllerAdapter:
@@ -218,8 +216,8 @@ class ControllerNode(RigNode):
         self.stamp = stamp = joints.stamp
         self.age.add(max(age, 0.0))
         level = self.adapter.judge(joints, elapsed)
-        self.become(self.operation.state(level))
-        if self.loop_state >= LoopState.STOPPED:
+        state = self.operation.state(level)
+        if state >= LoopState.STOPPED:
             self.stop()
             return None
         if not (np.isfinite(self.adapter.given).all() and self.settle(joints)) or age > self.settings["stale_after"]:
@@ -239,6 +237,7 @@ class ControllerNode(RigNode):
         elif self.is_long():
             self.rest(ZEROED)
             return None
+        self.become(state)
         self.layers[layer] += 1
         command = plan.input
         if level is not LoopState.DRIVING:
@@ -306,7 +305,7 @@ class ControllerNode(RigNode):
         """Inputs at rest; from there the loop comes back gently."""
         self.layers[layer] += 1
         self.settled, self.returning = False, True
-        self.become(max(self.loop_state, LoopState.RESTING))
+        self.become(self.operation.state(LoopState.RESTING))
         self.send(self.adapter.at_rest() if layer == RESTED else self.adapter.rest)
 
     def stop(self) -> None:
@@ -314,6 +313,7 @@ class ControllerNode(RigNode):
         now, seconds = self.time(), self.settings["stop_seconds"] * SECOND
         share = min((now - self.acted) / seconds, 1.0) if seconds and not self.operation.emergency else 1.0
         self.layers[STOPPED] += 1
+        self.become(self.operation.state(LoopState.RESTING))
         self.settled, self.returning = False, True
         self.send(self.adapter.nearer_rest(self.input, share))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
@@ -20,18 +20,23 @@ class ControllerMode(Enum):
 class Operation:
     """ControllerMode, arming and the emergency stop, which stays until it is reset, and needs arming after that.
 
-    reason: why the loop may not move, "" where it may.
+    reason: why the loop may not move, "" where it may. tell: receives "at rest" and "may move", for whoever starts the
+    controller again: one that died at rest stays there.
     """
 
-    def __init__(self, *, armed: bool) -> None:
+    def __init__(self, *, armed: bool, tell: Callable[[str], object] = str) -> None:
         self.mode, self.armed, self.emergency = ControllerMode.DRIVE, armed, False
         self.reason = "" if armed else "not armed yet"
+        self._tell = tell
+        if not armed:
+            tell("at rest")
 
     def turn_to(self, mode: ControllerMode) -> None:
         """Take another mode. Raises UserError where the loop is not armed and would have to move."""
         if mode is not ControllerMode.STOP and not self.armed:
             raise UserError(f"the loop is disarmed ({self.reason}): {self._way_back}")
         self.mode = mode
+        self._tell("at rest" if mode is ControllerMode.STOP else "may move")
 
     @property
     def _way_back(self) -> str:
@@ -46,16 +51,19 @@ class Operation:
         if unready:
             raise UserError(f"not ready to be armed: {'; '.join(unready)}")
         self.armed, self.mode, self.reason = True, ControllerMode.DRIVE, ""
+        self._tell("may move")
 
     def disarm(self) -> None:
         """Let the loop come to rest and stay there until it is armed."""
         self.armed = False
         self.reason = self.reason or "disarmed by the service"
+        self._tell("at rest")
 
     def emergency_stop(self, why: str) -> None:
         """Rest at once, and stay there until it is reset and armed."""
         if not self.emergency:
             self.armed, self.emergency, self.reason = False, True, why
+            self._tell("at rest")
 
     def reset(self) -> None:
         """Unlatch the emergency stop; the loop stays disarmed."""

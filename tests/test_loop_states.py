@@ -76,6 +76,16 @@ def test_an_emergency_stop_stays_until_it_is_reset_and_armed(wheel: Wheel) -> No
     assert back[-1] == pytest.approx(4.0)
 
 
+def test_a_rest_for_want_of_numbers_is_one_change_of_state(wheel: Wheel) -> None:
+    wheel.command(0.0)
+    for _ in range(60):
+        wheel.command(math.nan)
+    values = wheel.controller.health()[0].values
+    assert (values["state"], values["times_resting"], values["times_driving"]) == ("resting", 1, 0)
+    wheel.command(0.0)
+    assert wheel.controller.loop_state is LoopState.DRIVING
+
+
 def test_time_that_begins_anew_does_not_end_an_emergency_stop(wheel: Wheel) -> None:
     wheel.command(0.0)
     wheel.controller.emergency_stop("a test")

@@ -25,6 +25,7 @@ from hybrid_sysid_ros.support.errors import UserError
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from std_msgs.msg import Bool
 
 from tests.node_bench import Bench
 
@@ -291,6 +292,30 @@ def test_a_node_that_dies_is_started_again_and_the_loop_comes_back(domain: int, 
     assert sum("started again, 1 of 3" in line for line in lines) == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag_2"]
     assert bags.topics(tmp_path / "bag_2")["/cam_beam/joint_command"].messages > 0
+
+
+def test_a_controller_that_dies_in_an_emergency_stop_does_not_drive_when_it_is_started_again(domain: int) -> None:
+    bench, killed = Bench(domain), [0]
+    heard = bench.listen("joint_command")
+    speaker = bench.speak("estop", Bool)
+
+    def kill(seconds: float, duration: float) -> None:
+        for _ in range(100):
+            bench.executor.spin_once(timeout_sec=0.0)
+        if killed[0] and len(heard) > 100:
+            raise KeyboardInterrupt
+        if not killed[0] and len(heard) > 50:
+            speaker.publish(Bool(data=True))
+            if heard[-1].effort[0] == 0.0:
+                killed[0] = _process("controller", domain)
+                os.kill(killed[0], signal.SIGKILL)
+                heard.clear()
+
+    outcome = Run(reference="sine", domain=domain, tell=lambda line: None, progress=kill).go()
+    bench.close()
+    assert outcome.diagnostics["controller"]["restarts"] == 1
+    assert outcome.diagnostics["controller"]["state"] == "disarmed"
+    assert {message.effort[0] for message in heard} == {0.0}
 
 
 def test_a_node_that_dies_again_and_again_is_given_up(domain: int) -> None:

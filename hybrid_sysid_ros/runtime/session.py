@@ -225,7 +225,7 @@ class Session:
 
     def _revived(self, child: Child) -> bool:
         """Start a node again that died after it was ready, as often as may be; whether it was. One that ended by itself
-        has said why.
+        has said why. A controller that was stopped, disarmed or in an emergency stop does not move before it is armed.
         """
         died = child.process.returncode not in (0, REFUSED)
         if not died or child.starts > self._respawn or not (child.starts > 1 or "ready" in child.words):
@@ -233,7 +233,8 @@ class Session:
         self._tell(f"{self._failure(child)}; started again, {child.starts} of {self._respawn}")
         if child.process.stdin is not None:
             child.process.stdin.close()
-        process = self._process(child.again)
+        stay = ("-p", "armed:=false") if "at rest" in child.words else ()
+        process = self._process([*child.again, *stay])
         self._adopt(replace(child, process=process, starts=child.starts + 1, listeners=[], words=set(), complaint=""))
         return True
 
@@ -273,6 +274,8 @@ class Session:
                 self.diagnostics[said.pop("node")] = said
         elif stream == "stdout":
             child.words.add(line)
+            if line == "may move":  # of a controller, after "at rest"
+                child.words.discard("at rest")
         elif line:
             child.complaint = line
             if not line.startswith("error: "):  # errors become the session's own error
