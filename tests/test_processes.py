@@ -20,6 +20,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import preflight
 from hybrid_sysid_ros.runtime.run import Run, RunResult
+from hybrid_sysid_ros.runtime.session import Session
 from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
@@ -316,6 +317,14 @@ def test_a_controller_that_dies_in_an_emergency_stop_does_not_drive_when_it_is_s
     assert outcome.diagnostics["controller"]["restarts"] == 1
     assert outcome.diagnostics["controller"]["state"] == "disarmed"
     assert {message.effort[0] for message in heard} == {0.0}
+
+
+def test_what_a_killed_node_has_said_before_is_not_the_reason(domain: int) -> None:
+    code = "import os, sys; print('a warning', file=sys.stderr, flush=True); os.kill(os.getpid(), 9)"
+    with Session("cam_beam", domain=domain, tell=lambda line: None) as session:
+        session.start("plant", [sys.executable, "-c", code])
+        with pytest.raises(UserError, match="plant ended with status -9: killed"):
+            session.wait_for("ready", ["plant"], TIMEOUT)
 
 
 def test_a_node_that_dies_again_and_again_is_given_up(domain: int) -> None:

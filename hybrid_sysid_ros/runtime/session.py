@@ -241,7 +241,8 @@ class Session:
     def _failure(self, child: Child) -> UserError:
         status = child.process.poll()
         ended = "does not end" if status is None else f"ended with status {status}"
-        why = child.complaint.removeprefix("error: ") or ("killed" if status == -signal.SIGKILL else "without a word")
+        said = child.complaint.removeprefix("error: ") or "without a word"
+        why = "killed" if status == -signal.SIGKILL else said  # what it said is then no reason
         return UserError(f"{child.node} {ended}: {why}")
 
     def _listen(self, child: Child, stream: str) -> None:
