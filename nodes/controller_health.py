@@ -77,7 +77,8 @@ def loop_tasks(node: ControllerNode) -> list[Task]:
     if not node.stamp and judged.level == OK:
         judged = replace(judged, message="waiting for estimates")
     if operation.words and (judged.level == OK or operation.emergency):
-        judged = replace(judged, message=operation.words)
+        level = max(judged.level, WARN) if operation.emergency else judged.level
+        judged = replace(judged, level=level, message=operation.words)
     plans = {f"plans {name}": count for name, count in statuses.items() if name not in SOUND}
     supervisor = node.adapter.supervisor
     checked = {} if supervisor is None else named_counts("check", dict(supervisor.reasons))

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 from std_msgs.msg import Bool
 
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
-from hybrid_sysid_ros.nodes.diagnostics import ERROR
+from hybrid_sysid_ros.nodes.diagnostics import ERROR, WARN
 from hybrid_sysid_ros.nodes.operation import ControllerMode, Operation
 from hybrid_sysid_ros.support.errors import UserError
 from tests.node_bench import VOLT, Bench
@@ -63,6 +63,7 @@ def test_an_emergency_stop_stays_until_it_is_reset_and_armed(wheel: Wheel) -> No
     wheel.bench.until(lambda: wheel.commands[-1].effort[0] == 0.0)
     speaker.publish(Bool(data=False))
     assert wheel.command(0.0) == 0.0
+    assert wheel.controller.health()[0].level == WARN
     services = wheel.controller.own_services()
     for name in ("enable", "hold", "arm"):
         with pytest.raises(UserError, match="reset"):
