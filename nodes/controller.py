@@ -45,10 +45,9 @@ class ControllerNode(RigNode):
     passes its check; the exact MPC's plan; the rest of the last plan, if the MPC is late or has no solution; the last
     command, if the estimate is NaN or older than stale_after; inputs at rest, if nothing sound came for zero_after.
     Without supervision the network or the exact MPC is the first layer. References are clamped to the rig's travel.
-    Before the first reference the outputs are held where they were found; in lockstep an estimate waits for a
-    reference that covers its preview. The node advertises joint_command once a publisher of estimates is there.
-    Before that the guard judges estimate, actuators and state, and slows the loop down, holds or rests it. Coming
-    back, the reference begins where the rig is.
+    Before the first one the outputs are held where they were found; in lockstep an estimate waits for a reference that
+    covers its preview. The guard judges estimate, actuators and state before that, and slows the loop down, holds or
+    rests it; coming back, the reference begins where the rig is. joint_command needs somebody who publishes estimates.
 
     Services: stop brings the inputs to rest within stop_seconds and leaves them there, hold holds the outputs where
     they are, enable drives again, reset begins a new experiment, arm lets a loop move whose checks pass, disarm takes
@@ -88,7 +87,7 @@ class ControllerNode(RigNode):
         self.execution, self.age = Timing(), Timing()
         self.output = CommandOutput(self.open("effort_command"), self.open("predicted_trajectory"))
         self.operation.mode = ControllerMode.DRIVE
-        self.loop_state, self.times = LoopState.DRIVING, Counter[LoopState]()
+        self.loop_state, self.times = self.operation.state(LoopState.DRIVING), Counter[LoopState]()
         self.forget()
         self.entry, self.wishes = self.validator("state_estimate"), self.validator("reference")
         needed = [self.listen(self.entry, "state_estimate", self.on_estimate)]
@@ -99,8 +98,7 @@ class ControllerNode(RigNode):
         patience = 0 if self.lockstep else monotonic_ns() + REFERENCE_PATIENCE  # the first step of a run is a step, too
 
         def expected() -> bool:
-            referred = bool(references.publishers()) or monotonic_ns() > patience
-            return referred and all(entry.publishers() for entry in needed)
+            return all(x.publishers() for x in needed) and (references.publishers() > 0 or monotonic_ns() > patience)
 
         self.when(expected, self.advertise)
         if not self.lockstep:
@@ -141,7 +139,7 @@ class ControllerNode(RigNode):
         self.settled = self.settled and mode is ControllerMode.DRIVE
 
     def on_estop(self, message: Bool) -> None:
-        """Stop at once if the message says so; a false one ends nothing."""
+        """Stop at once; a false message ends nothing."""
         if message.data:
             self.emergency_stop("the topic estop")
 
@@ -256,9 +254,7 @@ class ControllerNode(RigNode):
             self.times[state] += 1
 
     def settle(self, joints: JointStates) -> bool:
-        """Remember where the outputs were found first, and let the reference begin there when the loop comes back from
-        rest; whether the tracked outputs were numbers.
-        """
+        """Remember where the outputs were found, where a reference begins after rest; whether they were numbers."""
         if not self.settled:
             found = self.entry.read(joints, self.adapter.outputs)
             self.home[:] = math.nan if found is None else found
@@ -277,7 +273,10 @@ class ControllerNode(RigNode):
             self.layers[NO_REFERENCE] += 1
         if holding or self.preview is None:
             return np.tile(self.home, (len(self.adapter.grid), 1))
-        self.ended += not self.preview.covers(stamp)
+        if not self.preview.covers(stamp):  # the next one begins where this one has ended
+            self.ended += 1
+            self.adapter.guard.governor.begin(last := self.preview.values[-1])
+            return np.tile(last, (len(self.adapter.grid), 1))
         ahead = stamp + self.adapter.ahead
         preview, guard = self.preview.at(ahead + self.adapter.grid), self.adapter.guard
         if level is LoopState.DRIVING and guard.governor.free:

@@ -140,5 +140,5 @@ def test_a_model_whose_free_run_says_nothing_tells_no_bias():
         torque[k] = 0.3 * random.normal() - np.array(GAINS) @ states[k]
         states[k + 1] = one_step(fallen, states[k], torque[k], step=h)
     record = Record(name="held", time=time, input=torque, output=states[:, :1])
-    with pytest.raises(UnstableError, match="held: an open free run over 20 s says nothing"):
+    with pytest.raises(UnstableError, match="held: an open free run over 20 s is meaningless"):
         adapt(fallen, record, sampling=SAMPLING, spans=np.array([20.0]), seconds=5.0)

@@ -149,3 +149,18 @@ def test_what_may_be_asked_of_an_operation() -> None:
     operation.emergency_stop("first")
     operation.emergency_stop("second")
     assert "first" in operation.words
+
+
+def test_a_reference_that_comes_again_begins_where_the_last_one_ended(
+    bench: Bench, model_folder: Path, policy_folder: Path
+) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, stamp_behind=100.0, stale_after=9.9, zero_after=10.0)
+    wheel.stamp = wheel.controller.now() - 9 * 10**9
+    wheel.refer([0.0, 0.0], spacing=0.1)
+    at_zero = wheel.command(0.0)
+    assert wheel.command(0.0, step=10**9) == pytest.approx(at_zero), "the last value is held"
+    wheel.refer([VOLT] * 30)
+    bench.until(lambda: wheel.controller.preview is not None and wheel.controller.preview.values[0, 0] > 0.0)
+    back = [wheel.command(0.0) for _ in range(60)]
+    assert at_zero < back[0] < 3.0
+    assert back[-1] == pytest.approx(4.0)
