@@ -87,6 +87,8 @@ class EstimatorAdapter:
         self._limits = 0.999 * np.array(self.tuning.checked(system).disturbance_limit)
         self._limits[~(self._limits > 0.0) | (not settings["doubt_disturbance"])] = math.inf
         self._spare = spare_sensors(system, self.tuning, step=system.sampling_time or LONGEST_STEP)
+        shown = {channel.of for channel in self.tuning.channels.values()}
+        self._covered = [item.name in shown for item in system.outputs]
         self._deviations = np.hypot(self.tuning.measurement_noise, self.tuning.hum_amplitude).tolist()
         self._white = [abs(sensor.scale) * sensor.white_noise * sensor.noisy for sensor in rig.sensors]
         self._further = layout.further
@@ -111,6 +113,7 @@ class EstimatorAdapter:
             least=settings["innovation_least"],
             leave_after=settings["leave_out_after"],
             timeout=settings["sensor_timeout"],
+            covered=self._covered,
         )
         after = round(settings["frozen_after"] * settings["rate"])
         self.frozen = [FrozenSensorDetector(noise, after=after) for noise in self._white]

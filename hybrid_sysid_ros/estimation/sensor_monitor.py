@@ -104,12 +104,14 @@ class SensorMonitor:
         least: float,
         leave_after: float,
         timeout: float,
+        covered: Sequence[bool] = (),
     ) -> None:
         """spare: see :func:`spare_sensors`. noise: deviation of each sensor with its hum [output unit]. largest, least:
         mean squares that are still plausible; least 0: none is too small. leave_after, timeout [s]: of suspicion, and
-        without a reading after which a sensor counts as missing.
+        without a reading after which a sensor counts as missing. covered: outputs that a further channel shows, too.
         """
         count = len(noise)
+        self._covered = list(covered) or [False] * count
         self.left_out, self.counts = [False] * count, [0] * count
         self._spare, self._noise = list(map(bool, spare)), list(noise)
         self._largest, self._least = largest, least
@@ -188,7 +190,8 @@ class SensorMonitor:
     @property
     def without(self) -> int:
         """How many sensors the estimate has to do without now."""
-        return sum(out or self.is_missing(k) for k, out in enumerate(self.left_out))
+        lacking = [out or self.is_missing(k) for k, out in enumerate(self.left_out)]
+        return sum(lack and not covered for lack, covered in zip(lacking, self._covered, strict=True))
 
     @property
     def is_contradicted(self) -> bool:

@@ -130,6 +130,13 @@ def test_a_silent_sensor_is_missing():
     assert found.doubt > 1.0, "the others do not tell the state"
 
 
+def test_a_missing_sensor_that_a_camera_stands_in_for_is_not_missed():
+    found = monitor(spare=(True,), covered=(True,))
+    judge(found, [math.nan], readings=[math.nan], steps=100)
+    assert found.without == 0
+    assert found.doubt < 1.0
+
+
 def test_the_blame_of_another_sensor_passes():
     found = monitor()
     judge(found, [1.0, 100.0], steps=8)
