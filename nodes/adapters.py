@@ -19,6 +19,7 @@ from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import METHODS, StateEstimate
 from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
 from hybrid_sysid_ros.estimation.sensor_monitor import FrozenSensorDetector, SensorMonitor, spare_sensors
+from hybrid_sysid_ros.estimation.suspicion import LONGEST
 from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.nodes.base import ModelSource
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
@@ -46,7 +47,6 @@ ASTRAY = 0.3
 """Time [s] of evidence against an estimate after which it is initialised again from the next measurement, since it has
 diverged and would converge slowly."""
 GAP = 3.5  # periods without a measurement, after which innovations say nothing against the sensors for a while
-LONGEST = 0.05  # s, that one measurement counts as evidence, however long ago the last one was
 OF_PROBLEM = {
     *("output_weight", "rate_weight", "input_weight", "input_rate", "limits", "input_low", "input_high"),
     *("state_low", "state_high", "soft_linear", "soft_quadratic"),

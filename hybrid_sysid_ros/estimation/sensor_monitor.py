@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -65,21 +66,17 @@ class FrozenSensorDetector:
         self.count = 0
         """Readings that were found frozen."""
         self._least = STILL * 2.0 * noise**2 * after
-        self._squares, self._next = [math.inf] * after, 0
-        self._filled, self._last = 0, math.nan
+        self._squares, self._last = deque[float](maxlen=after), math.nan
 
     def is_frozen(self, reading: float) -> bool:
         """Whether this reading and those before it have been too still for too long."""
-        if not self._squares or not self._least:
-            return False
         square, self._last = (reading - self._last) ** 2, reading
         if not square < math.inf:
-            self._filled = 0
+            self._squares.clear()
             return False
-        self._squares[self._next] = square
-        self._next = (self._next + 1) % len(self._squares)
-        self._filled += 1
-        found = self._filled >= len(self._squares) and sum(self._squares) <= self._least
+        self._squares.append(square)
+        full = 0 < len(self._squares) == self._squares.maxlen
+        found = self._least > 0.0 and full and sum(self._squares) <= self._least
         self.count += found
         return found
 
@@ -201,8 +198,5 @@ class SensorMonitor:
     @property
     def doubt(self) -> float:
         """The strongest evidence against the estimate, as a multiple of its threshold."""
-        return (
-            max(r for r, out in zip(self.evidence, self.left_out, strict=True) if not out)
-            if not all(self.left_out)
-            else CLEAREST
-        )
+        used = (r for r, out in zip(self.evidence, self.left_out, strict=True) if not out)
+        return max(used, default=CLEAREST)

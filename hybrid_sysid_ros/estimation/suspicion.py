@@ -4,6 +4,8 @@ from __future__ import annotations
 
 CLEAREST = 10.0
 """Multiple of its threshold beyond which evidence counts no more: one wild number must not be enough."""
+LONGEST = 0.05
+"""Time [s] for which one update counts as evidence, however long ago the last one was."""
 
 
 class Suspicion:

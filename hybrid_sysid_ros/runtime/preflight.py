@@ -37,9 +37,6 @@ def of_rig(rig: Rig) -> list[str]:
     controller = loop["controller"]
     period = 1.0 / loop["plant"]["rate"]
 
-    def problem() -> object:
-        return configuration.mpc_problem(controller, rig, configuration.controller_model(rig, rig.system))
-
     made: tuple[tuple[str, Callable[[], object]], ...] = (
         ("nodes.plant.rate", lambda: rig.steps(period, "its period")),
         ("nodes.controller.period", lambda: rig.steps(controller["period"], "it")),

@@ -8,6 +8,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.safety.failsafe import Failsafe, Ladder, LoopState
 from hybrid_sysid_ros.control.safety.governor import ReferenceGovernor
+from hybrid_sysid_ros.estimation.suspicion import LONGEST
 from hybrid_sysid_ros.support.arrays import Array
 
 ESTIMATE, ACTUATOR, RANGE = "estimate", "actuator", "range"
@@ -19,7 +20,6 @@ REASONS = {
 """Kinds of evidence, in words."""
 RECENT = 10  # commands, one of which an actuator may still be carrying out
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
-LONGEST = 0.05  # s, that one update counts as evidence, however long ago the last one was
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
