@@ -20,8 +20,8 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
 )
 from hybrid_sysid_ros.extensions.commander.language.files import Files, is_picture
 from hybrid_sysid_ros.extensions.commander.language.sentence import Clause, Quantity, clauses, says_stop
-from hybrid_sysid_ros.extensions.commander.language.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, of_rig
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, of_rig
 from hybrid_sysid_ros.runtime.configuration import SetPointRange
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from hybrid_sysid_ros.extensions.commander.language import vocabulary as words
-from hybrid_sysid_ros.extensions.commander.language.units import PLAIN, Unit, named
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs.units import PLAIN, Unit, named
 from hybrid_sysid_ros.support.errors import UserError
 
 LONGEST = 300  # characters of a sentence

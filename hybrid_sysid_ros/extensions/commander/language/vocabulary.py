@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from hybrid_sysid_ros.extensions.commander.language import units
+from hybrid_sysid_ros.rigs import units
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import SetPointRange, set_point_ranges
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.extensions.commander.language import grammar, units
+from hybrid_sysid_ros.extensions.commander.language import grammar
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.plan import Ability, ReferencePlan, needed, plan_of
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, slips
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs import units
 from hybrid_sysid_ros.support.errors import UserError
 
 BEAM = Vocabulary.of(rigs.load("cam_beam"))

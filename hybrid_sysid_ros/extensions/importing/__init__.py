@@ -1,0 +1,1 @@
+"""Importing: records of other worlds become bags of a rig."""

@@ -1,0 +1,10 @@
+"""What this extension adds."""
+
+from hybrid_sysid_ros.support.extensions import Extension
+
+HERE = "hybrid_sysid_ros.extensions.importing"
+EXTENSION = Extension(
+    name="importing",
+    summary="Records of other worlds become bags of a rig.",
+    commands={"import": (f"{HERE}.commands.import_files", "Turn records of other programs into bags of a rig.")},
+)

@@ -1,0 +1,171 @@
+"""Grid: the uneven, doubled and missing stamps of a log become samples at even times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.bags.gaps import GAP, LONGEST_GAP
+from hybrid_sysid_ros.bags.sampling import FEWEST, JITTER
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+MOST_WRONG = 0.05
+"""Share of stamps that may be doubled or out of order; with more the column is no time."""
+SAMPLES_PER_PIECE = 20
+"""Fewest samples of a piece between two long gaps that is kept."""
+NEAR = 0.75
+"""Distance [sampling times] of a sample from the nearest stamp above which it counts as missing."""
+MOST_SAMPLES_PER_STAMP = 20
+"""Most samples per stamp: one stamp far away must not make a grid that fills the memory."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CleanStamps:
+    """Rising times of the rows that are kept, and what was repaired, a sentence each."""
+
+    rows: NDArray[np.intp]
+    times: Array
+    """Of these rows, (rows,) [s]."""
+    notes: list[str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampleGrid:
+    """Even times at which the record is sampled."""
+
+    period: float
+    times: Array
+    """(samples,) [s]."""
+    measured: NDArray[np.bool_]
+    """Samples with a stamp nearby, (samples,)."""
+    even: bool
+    """Whether each stamp is one of these times but for a little jitter, so that nothing is interpolated."""
+
+    def pieces(self) -> Iterator[slice]:
+        """Parts between gaps of more than :data:`~hybrid_sysid_ros.bags.gaps.LONGEST_GAP` samples."""
+        present = np.flatnonzero(self.measured)
+        breaks = np.flatnonzero(np.diff(present) > LONGEST_GAP + 1)
+        for first, last in zip([0, *(breaks + 1)], [*breaks, len(present) - 1], strict=True):
+            if present[last] - present[first] + 1 >= SAMPLES_PER_PIECE:
+                yield slice(int(present[first]), int(present[last]) + 1)
+
+
+def clean_stamps(seconds: Array, what: str) -> CleanStamps:
+    """Rising times out of a column of times [s]. what: name of the column, for errors.
+
+    Raises UserError for a column that is no time.
+    """
+    rows = np.flatnonzero(np.isfinite(seconds))
+    notes = []
+    if len(rows) < FEWEST:
+        raise UserError(f"{what}: has {len(rows)} times: a record needs {FEWEST} or more")
+    if lost := len(seconds) - len(rows):
+        notes.append(f"{what}: {lost} rows have no time; they are left out")
+    times = seconds[rows]
+    steps = np.diff(times)
+    back = int((steps < 0).sum())
+    if back > MOST_WRONG * len(steps):
+        raise UserError(f"{what}: {back} of {len(steps)} steps go backwards: it is no time; name another column")
+    if back:
+        k = int(np.argmax(steps < 0)) + 1
+        if back == 1 and times[-1] < times[k - 1]:
+            raise UserError(
+                f"{what}: the clock was set back by {-steps[k - 1]:.6g} s at row {rows[k]}; cut the file there, since "
+                "nothing says how the two parts follow each other"
+            )
+        order = np.argsort(times, kind="stable")
+        rows, times = rows[order], times[order]
+        notes.append(f"{what}: {back} times go backwards, the first at row {rows[k]}; the rows are sorted by time")
+    doubled = np.append(False, np.diff(times) == 0.0)
+    if doubled.sum() > MOST_WRONG * len(times):
+        spread = _coarse(times)
+        if spread is None:
+            raise UserError(
+                f"{what}: {doubled.sum()} of {len(times)} times are there twice, unevenly: two devices wrote into one "
+                "file, or it is no time; name another column, or give the period of the samples"
+            )
+        notes.append(
+            f"{what}: each time stands for several rows, since it counts only {spread[1]:.3g} s; the rows are spread "
+            f"evenly, {spread[0][1] - spread[0][0]:.6g} s apart"
+        )
+        times = spread[0]
+    elif doubled.any():
+        k = int(np.argmax(doubled))
+        notes.append(
+            f"{what}: {doubled.sum()} times are there twice, the first at row {rows[k]} ({times[k]:.6g} s); the first "
+            "row of each is kept"
+        )
+        rows, times = rows[~doubled], times[~doubled]
+    return CleanStamps(rows=rows, times=times, notes=notes)
+
+
+def _coarse(times: Array) -> tuple[Array, float] | None:
+    """Even times for stamps that are only rounded too coarsely, and that rounding [s]; None for others."""
+    distinct = np.unique(times)
+    if len(distinct) < FEWEST:
+        return None
+    resolution = float(np.median(np.diff(distinct)))
+    period = (times[-1] - times[0]) / (len(times) - 1)
+    even = times[0] + period * np.arange(len(times))
+    away = even - times
+    return (even - np.median(away), resolution) if np.ptp(away) <= 3.0 * resolution else None
+
+
+def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
+    """Even times for rising stamps. Raises UserError where the stamps belong to no even sampling at all."""
+    times, notes = stamps.times, stamps.notes
+    steps = np.diff(times)
+    period = float(np.median(steps))
+    near = np.abs(steps - period) < 0.5 * period
+    if near.any():
+        period = float(steps[near].mean())
+    whole = np.round(np.append(0.0, np.cumsum(np.maximum(np.round(steps / period), 1.0))))
+    middle = 0.5 * whole[-1]
+    fitted = (
+        float((whole - middle) @ (times - times.mean()) / ((whole - middle) @ (whole - middle))) if middle else period
+    )
+    origin = times.mean() - fitted * whole.mean()
+    away = np.abs(times - origin - fitted * whole)
+    even = bool(near.mean() > 0.5 and away.max() <= JITTER * fitted)
+    if even:
+        period, origin = _rounded(fitted, int(whole[-1])), float(times[0])
+        samples = int(whole[-1]) + 1
+    else:
+        origin = float(times[0])
+        samples = int((times[-1] - origin) / period + 1e-6) + 1
+    if samples > MOST_SAMPLES_PER_STAMP * len(times):
+        k = int(np.argmax(steps))
+        raise UserError(
+            f"{what}: jumps by {steps[k]:.6g} s after row {stamps.rows[k]}, and samples are {period:.3g} s apart; "
+            "cut the file there"
+        )
+    grid = origin + period * np.arange(samples, dtype=np.float64)
+    measured = np.zeros(samples, dtype=bool)
+    if even:
+        measured[whole.astype(np.intp)] = True
+    else:
+        at = np.searchsorted(times, grid)
+        before, after = times[np.maximum(at - 1, 0)], times[np.minimum(at, len(times) - 1)]
+        measured = np.minimum(np.abs(grid - before), np.abs(after - grid)) <= NEAR * period
+        notes.append(
+            f"{what}: times are uneven, steps of {np.percentile(steps, 5):.3g} to {np.percentile(steps, 95):.3g} s; "
+            f"signals are interpolated at steps of {period:.6g} s"
+        )
+    gaps = steps[steps > GAP * period]
+    if len(gaps) and not measured.all():
+        k = int(np.argmax(steps > GAP * period))
+        notes.append(
+            f"{what}: {len(gaps)} gaps, up to {gaps.max():.4g} s, the first after row {stamps.rows[k]} "
+            f"({times[k]:.6g} s)"
+        )
+    return SampleGrid(period=period, times=grid, measured=measured, even=even)
+
+
+def _rounded(period: float, samples: int) -> float:
+    """The period in whole nanoseconds, where that moves the last sample by little."""
+    nearest = round(period, 9)
+    return nearest if nearest and abs(nearest - period) * samples < 0.1 * JITTER * period else period

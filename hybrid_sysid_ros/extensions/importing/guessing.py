@@ -1,0 +1,196 @@
+"""Guessing: which column of a log file is which signal of a rig, by names and units; what is doubtful is asked."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+
+from hybrid_sysid_ros.core import Variable
+from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
+from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn, ratio
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.units import named
+from hybrid_sysid_ros.support.errors import UserError, UserErrors
+
+TIMES = ("time", "t", "timestamp", "stamp", "seconds", "sec", "s", "zeit", "tempo", "temps", "elapsed", "clock", "date")
+PERIODS = ("ts", "dt", "period", "sampletime", "samplingtime", "tsample")
+INPUTS = (
+    "u", "in", "input", "cmd", "command", "ctrl", "control", "drive", "force", "torque", "voltage", "volt", "pwm",
+    "duty", "current", "effort", "actuator", "actuation", "excitation", "motor", "pump", "valve", "throttle", "x",
+)  # fmt: skip
+OUTPUTS = (
+    "y", "out", "output", "pos", "position", "angle", "theta", "phi", "q", "speed", "velocity", "vel", "omega", "rate",
+    "level", "meas", "measured", "measurement", "sensor", "encoder", "response", "height", "temperature", "pressure",
+)  # fmt: skip
+ALIKE = (
+    {"pos", "position", "x", "q", "displacement"}, {"angle", "theta", "phi", "pos", "position", "q"},
+    {"speed", "velocity", "vel", "omega", "v", "w", "rate"}, {"force", "f"}, {"torque", "tau", "moment"},
+    {"voltage", "volt", "v", "u"}, {"level", "height", "h"}, {"drive", "command", "cmd", "u", "input"},
+    {"current", "i", "amps"}, {"pwm", "duty", "command", "cmd"}, {"input", "u", "in"}, {"output", "y", "out"},
+)  # fmt: skip
+"""Words for one thing."""
+SURE, AHEAD = 0.55, 0.12
+"""Score from which a column is taken, and by which it must be ahead of the next one."""
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """A signal whose column is doubtful."""
+
+    signal: str
+    unit: str
+    candidates: tuple[str, ...]
+    """Columns, the likeliest first."""
+
+    def __str__(self) -> str:
+        unit = f" [{self.unit}]" if self.unit else ""
+        return f"which column is {self.signal}{unit}: {', '.join(self.candidates[:8]) or 'none is left'}?"
+
+
+Ask = Callable[[Question], str]
+"""Returns the column for a doubtful signal; "" leaves it open."""
+
+
+def guessed(
+    file: LogFile, rig: Rig, *, given: Mapping[str, str], units: Mapping[str, str], period: float, ask: Ask
+) -> ImportMapping:
+    """A mapping for a file. given: columns by signal that the user named, "time" among them. units: of columns, by
+    signal. period: of the samples [s], 0 where a column has their times.
+
+    Raises UserErrors, a line for each signal that stays open, and for names that are none of the rig's.
+    """
+    items = [*rig.system.inputs, *rig.system.outputs]
+    extra = [rig.channel("reference", item.name) for item in rig.system.outputs]
+    signals = [*(item.name for item in items), *extra, "time"]
+    for name in (*given, *units):
+        if name not in signals:
+            raise UserError(f"{name!r} is no signal of {rig.name}; it has {', '.join(signals)}")
+    for name, column in given.items():
+        if column not in file.columns:
+            raise UserError(
+                f"{file.path}: no column {column!r} for {name}; it has {', '.join(list(file.columns)[:30])}"
+            )
+    free = [item for item in file.columns.values() if item.name not in given.values()]
+    time, free = _time(file, free, given, units, period)
+    found, open_ones = dict(given), list[Question]()
+    while left := [item for item in items if item.name not in found]:
+        ranked = {item.name: _ranked(item, rig, free, items) for item in left}
+        sure = [(scores[0][0], name) for name, scores in ranked.items() if _is_sure(scores)]
+        if sure:
+            name = max(sure)[1]
+            found[name] = ranked[name][0][1].name
+        else:
+            item = left[0]
+            question = Question(
+                signal=item.name, unit=item.unit, candidates=tuple(column.name for _, column in ranked[item.name])
+            )
+            found[item.name] = ask(question)
+            if not found[item.name]:
+                open_ones.append(question)
+        free = [column for column in free if column.name != found.get(name if sure else item.name)]
+    problems = [f"{file.path}: {question} name it: --column {question.signal}=COLUMN" for question in open_ones]
+    if isinstance(time, str):
+        problems.append(time)
+    if problems:
+        raise UserErrors(problems)
+    assert isinstance(time, TimeColumn)
+
+    def column_of(name: str) -> SignalColumn:
+        column = file.columns[found[name]]
+        own = column.time if column.time != time.column else ""
+        return SignalColumn(column=column.name, unit=units.get(name, column.unit), time=own)
+
+    return ImportMapping(
+        time=time,
+        inputs={item.name: column_of(item.name) for item in rig.system.inputs},
+        outputs={item.name: column_of(item.name) for item in rig.system.outputs},
+        channels={name: column_of(name) for name in extra if name in given},
+    )
+
+
+def _time(
+    file: LogFile, free: list[LogColumn], given: Mapping[str, str], units: Mapping[str, str], period: float
+) -> tuple[TimeColumn | str, list[LogColumn]]:
+    """The times, or why there are none, and the columns that are left."""
+    stamped = [name for name in dict.fromkeys(item.time for item in file.columns.values()) if name]
+    words = {column.name: _words(column.name) for column in free}
+    likely = [
+        column
+        for column in free
+        if column.name in stamped or (set(words[column.name]) & set(TIMES) and _is_time(column))
+    ]
+    likely.sort(
+        key=lambda column: (
+            column.name not in stamped,
+            TIMES.index(next(iter(set(words[column.name]) & set(TIMES)), TIMES[-1])),
+        )
+    )
+    left = [column for column in free if column not in likely and not set(words[column.name]) & set(PERIODS)]
+    if period:
+        return TimeColumn(period=period), left
+    name = given.get("time") or (likely[0].name if likely else "")
+    if not name:
+        return (
+            f"{file.path}: no column is a time; name it (--column time=COLUMN), or give the sampling time (--period)"
+        ), left
+    unit = units.get("time") or file.columns[name].unit or _suffix(name, ("ms", "us", "ns", "min", "h")) or "s"
+    unit = {"sec": "s", "seconds": "s", "µs": "us"}.get(unit, unit)
+    return TimeColumn(column=name, unit=unit), left
+
+
+def _is_time(column: LogColumn) -> bool:
+    found = named(column.unit) if column.unit else None
+    return not column.unit or (found is not None and (found.base, found.per) == ("s", 0))
+
+
+def _is_sure(scores: Sequence[tuple[float, LogColumn]]) -> bool:
+    return bool(scores) and scores[0][0] >= SURE and (len(scores) == 1 or scores[0][0] - scores[1][0] >= AHEAD)
+
+
+def _ranked(
+    item: Variable, rig: Rig, columns: Sequence[LogColumn], items: Sequence[Variable]
+) -> list[tuple[float, LogColumn]]:
+    """Columns by how likely they are a signal, those left out whose unit can't be."""
+    is_input = item in rig.system.inputs
+    kind = rig.system.inputs if is_input else rig.system.outputs
+    scored = [(_score(item, column, is_input=is_input, alone=len(kind) == 1), column) for column in columns]
+    return sorted(((score, column) for score, column in scored if score >= 0.0), key=lambda pair: -pair[0])
+
+
+def _score(item: Variable, column: LogColumn, *, is_input: bool, alone: bool) -> float:
+    """From 0 to 1; negative where the unit can't be."""
+    bonus = 0.0
+    if column.unit:
+        try:
+            ratio(column.unit, item.unit)
+            bonus = 0.2
+        except UserError:
+            if named(column.unit) is not None and named(item.unit) is not None:
+                return -1.0
+    mine, its = _words(item.name), _words(column.name)
+    if "".join(mine) == "".join(its):
+        return 1.0
+    score = 0.45 * SequenceMatcher(None, "".join(mine), "".join(its)).ratio()
+    if set(mine) & set(its):
+        score = max(score, 0.55 + 0.25 * len(set(mine) & set(its)) / len(set(mine) | set(its)))
+    if any(set(mine) & group and set(its) & group for group in ALIKE):
+        score = max(score, 0.55)
+    words, others = (INPUTS, OUTPUTS) if is_input else (OUTPUTS, INPUTS)
+    if alone and set(its) & set(words) and not set(its) & set(others):
+        score = max(score, 0.6)
+    return min(score + bonus, 0.99)
+
+
+def _words(name: str) -> list[str]:
+    """The words of a name in small letters, without units at its end."""
+    plain = re.sub(r"[\[(].*", "", name.rsplit("/", 1)[-1].rsplit(".", 1)[-1])
+    return [word.lower() for word in _WORD.findall(plain)]
+
+
+def _suffix(name: str, units: Sequence[str]) -> str:
+    """A unit at the end of a name: t_ms."""
+    last = re.split(r"[_\s]", name)[-1]
+    return last if last in units and last != name else ""

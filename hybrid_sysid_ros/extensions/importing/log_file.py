@@ -1,0 +1,76 @@
+"""A log file: columns of numbers, some of which are times, as another program recorded them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError, known
+
+LARGEST = 1 << 28
+"""Most numbers that are read of one file, 2 GiB of them. A file with more is refused before memory is taken."""
+MOST_COLUMNS = 20_000
+"""Most columns of a file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogColumn:
+    """One column of a file, before it is read."""
+
+    name: str
+    samples: int
+    """Number of values; 0 where the file does not say before it is read."""
+    unit: str = ""
+    """As the file states it."""
+    time: str = ""
+    """Name of the column with its times; "" where the file does not say."""
+
+
+class LogFile(ABC):
+    """A file whose columns are listed at once, and read when they are asked for."""
+
+    def __init__(self, path: Path, columns: Iterable[LogColumn]) -> None:
+        """Raises UserError for a file without columns, or with more than anybody needs."""
+        self.path = path
+        self.columns: Mapping[str, LogColumn] = {item.name: item for item in columns}
+        if not self.columns:
+            raise UserError(f"{path}: holds no column of numbers: is it a record?")
+        if len(self.columns) > MOST_COLUMNS:
+            raise UserError(f"{path}: has {len(self.columns)} columns, more than {MOST_COLUMNS}; cut the file")
+
+    def read(self, names: Sequence[str]) -> dict[str, Array]:
+        """Columns by name, (samples,) each; NaN where a value is missing.
+
+        Raises UserError for an unknown column, for more numbers than :data:`LARGEST`, and for a damaged file.
+        """
+        wanted = list(dict.fromkeys(names))
+        for name in wanted:
+            if name not in self.columns:
+                raise UserError(f"{self.path}: no column {name!r}: {known(name, self.columns)}")
+        self.check_size(sum(self.columns[name].samples for name in wanted))
+        return {
+            name: np.ascontiguousarray(values, dtype=np.float64).ravel()
+            for name, values in self._values(wanted).items()
+        }
+
+    def check_size(self, count: int) -> None:
+        """Raise UserError for more numbers than :data:`LARGEST`."""
+        check_size(self.path, count)
+
+    @abstractmethod
+    def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
+        """Columns by name. What the library raises for a damaged file becomes a UserError outside."""
+
+
+def check_size(path: Path, count: int) -> None:
+    """Raise UserError where a file holds more numbers than :data:`LARGEST`."""
+    if count > LARGEST:
+        raise UserError(
+            f"{path}: holds {count:.3g} numbers, {count * 8 / 2**30:.1f} GiB in memory, and at most "
+            f"{LARGEST * 8 >> 30} GiB are read at once; cut the file, or take every n-th sample"
+        )

@@ -1,0 +1,169 @@
+"""Text files of columns: CSV with any delimiter and either decimal sign, with or without names and units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+HEAD = 1 << 18
+"""Bytes at the beginning by which the form of a file is found."""
+MOST_LINES = 200
+"""Lines that may stand before the numbers."""
+DELIMITERS = (";", "\t", ",", "|")
+MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None", "-", "inf", "-inf", "#N/A"]
+_NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?$")
+_MOMENT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?")
+_UNITED = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\])]*)[\])]$")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextForm:
+    """How a text file is written."""
+
+    delimiter: str
+    """ "" for any run of blanks."""
+    comma: bool
+    """Whether the decimal sign is a comma."""
+    skipped: int
+    """Lines before the first row of numbers."""
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    moments: frozenset[str]
+    """Columns with dates and times of day."""
+
+
+class TextFile(LogFile):
+    """A text file; only the columns that are asked for are kept."""
+
+    def __init__(self, path: Path) -> None:
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+        if b"\0" in head:
+            raise UserError(f"{path}: is no text file, although its name says so")
+        whole = path.stat().st_size
+        lines = _decoded(head).splitlines()
+        if len(head) < whole:
+            lines = lines[:-1]  # which may be cut
+        self.form = form_of(lines, path)
+        rows = len(lines) - self.form.skipped
+        bytes_of_rows = sum(len(line) + 1 for line in lines[self.form.skipped :])
+        samples = rows if len(head) == whole else round(rows * whole / max(bytes_of_rows, 1))
+        columns = zip(self.form.names, self.form.units, strict=True)
+        super().__init__(path, [LogColumn(name=name, unit=unit, samples=samples) for name, unit in columns])
+
+    def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
+        if not self.form.delimiter:
+            chosen = [self.form.names.index(name) for name in names]
+            table = np.loadtxt(self.path, skiprows=self.form.skipped, usecols=chosen, ndmin=2, encoding="latin-1")
+            return dict(zip(names, table.T, strict=True))
+        import polars
+
+        kinds = {name: polars.String if name in self.form.moments else polars.Float64 for name in self.form.names}
+        rows = polars.scan_csv(
+            self.path, separator=self.form.delimiter, decimal_comma=self.form.comma, has_header=False,
+            skip_rows=self.form.skipped, schema=kinds, null_values=MISSING, ignore_errors=True,
+            encoding="utf8-lossy", truncate_ragged_lines=True, glob=False,
+        )  # fmt: skip
+        moments = [
+            polars.col(name).str.replace(",", ".").str.to_datetime(time_unit="ns", strict=False).cast(polars.Int64)
+            for name in names
+            if name in self.form.moments
+        ]
+        table = rows.select(names).with_columns(moments).collect()
+        found = {name: table[name].cast(polars.Float64).to_numpy() for name in names}
+        for name in self.form.moments.intersection(names):
+            stamps = table[name].to_numpy()
+            found[name] = (stamps - np.nanmin(stamps)) * 1e-9
+        return found
+
+
+def form_of(lines: Sequence[str], path: Path) -> TextForm:
+    """How the lines at the beginning of a file are written. Raises UserError where no row of numbers is found."""
+    for delimiter in (*DELIMITERS, ""):
+        head = lines[: MOST_LINES + 20]
+        trailing = bool(delimiter) and all(line.rstrip().endswith(delimiter) for line in head[-5:])
+        rows = [_cells(line, delimiter, trailing) for line in head]
+        first = next((k for k in range(len(rows)) if _begins(rows, k)), None)
+        if first is None or (delimiter and len(rows[first]) < 2):
+            continue
+        if delimiter == "," and _is_decimal(rows, first):
+            continue  # a single column with commas for decimal signs
+        return _form(rows, first, delimiter)
+    raise UserError(
+        f"{path}: no row of numbers is found in its first {min(len(lines), MOST_LINES)} lines: is it a table?"
+    )
+
+
+def _form(rows: list[list[str]], first: int, delimiter: str) -> TextForm:
+    count, data = len(rows[first]), rows[first:]
+    comma = delimiter != "," and any("," in cell and not _MOMENT.match(cell) for row in data for cell in row)
+    above = [row for row in rows[:first] if len(row) == count and sum(map(bool, row)) > 0.5 * count]
+    units = [""] * count
+    if len(above) > 1 and all(len(cell.strip("[]() ")) <= 12 for cell in above[-1]):
+        units = [cell.strip("[]() ") for cell in above.pop()]
+    names = above[-1] if above else [f"column_{k + 1}" for k in range(count)]
+    taken = dict[str, int]()
+    for k, name in enumerate(names):
+        if (match := _UNITED.match(name)) and not units[k]:
+            names[k], units[k] = match["name"], match["unit"].strip()
+        names[k] = names[k] or f"column_{k + 1}"
+        taken[names[k]] = taken.get(names[k], 0) + 1
+        if taken[names[k]] > 1:
+            names[k] = f"{names[k]}_{taken[names[k]]}"
+    moments = frozenset(name for k, name in enumerate(names) if _MOMENT.match(data[0][k]))
+    return TextForm(
+        delimiter=delimiter, comma=comma, skipped=first, names=tuple(names), units=tuple(units), moments=moments
+    )
+
+
+def _begins(rows: list[list[str]], k: int) -> bool:
+    """Whether the numbers begin in a row: it and the next ones are numbers or empty, and as many."""
+    following = [row for row in rows[k : k + 4] if any(row)]
+    return bool(following) and all(_numeric(row) and len(row) == len(following[0]) for row in following)
+
+
+def _numeric(row: list[str]) -> bool:
+    numbers = sum(bool(_NUMBER.match(cell) or _MOMENT.match(cell)) for cell in row)
+    return numbers > 0 and numbers + sum(cell in MISSING for cell in row) >= 0.5 * len(row) and not _words(row)
+
+
+def _words(row: list[str]) -> bool:
+    """Whether most cells of a row are words: the row of names."""
+    return sum(bool(re.match(r"[A-Za-z_#\"]", cell)) and cell not in MISSING for cell in row) > 0.5 * len(row)
+
+
+def _is_decimal(rows: list[list[str]], first: int) -> bool:
+    """Whether commas of two cells a row, 3 and 14, are decimal signs: no name stands above, and the second never has
+    a sign or point.
+    """
+    data = rows[first : first + 50]
+    return (
+        len(rows[first]) == 2
+        and not any(len(row) == 2 for row in rows[:first])
+        and all(row[-1].isdigit() and "." not in row[0] for row in data if any(row))
+    )
+
+
+def _cells(line: str, delimiter: str, trailing: bool) -> list[str]:
+    """The cells of a line, without quotes. trailing: each line ends in a delimiter."""
+    text = line.strip(" \r\n\ufeff") if delimiter else line.strip().lstrip("#%").strip()
+    cells = text.split(delimiter) if delimiter else text.split()
+    if trailing and len(cells) > 1 and not cells[-1].strip():
+        cells.pop()
+    return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def _decoded(head: bytes) -> str:
+    try:
+        return head.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        cut = error.start > len(head) - 4  # the last character is
+        return head[: error.start].decode("utf-8-sig") if cut else head.decode("latin-1")

@@ -1,0 +1,172 @@
+"""Text files of other programs become the record that they hold."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.rigs import rig as rigs
+from tests.command_line import Answer, refused
+
+TIME = 0.01 * np.arange(400)
+DRIVE = np.round(5.0 * np.sign(np.sin(3.0 * TIME)) + 0.01 * np.arange(400) / 400, 6)
+POSITION = np.round(0.05 * np.sin(3.0 * TIME), 6)
+"""rad."""
+
+
+@pytest.fixture
+def imported(call, tmp_path):
+    return partial(call, app.main, "hybrid-sysid", "import", "--rig", "cam_beam", "--out", str(tmp_path / "bags"))
+
+
+def table(path: Path, header: str, *columns, delimiter=",", comma=False, form="%.6f") -> str:
+    rows = [
+        delimiter.join(form % value if np.isfinite(value) else "" for value in row)
+        for row in zip(*columns, strict=True)
+    ]
+    text = "\n".join(row.replace(".", ",") if comma else row for row in rows)
+    path.write_text(f"{header}\n{text}\n", encoding="cp1252")
+    return str(path)
+
+
+def read(folder: Path, name: str = "log"):
+    return bags.read(folder / "bags" / name, rigs.load("cam_beam").signals)
+
+
+def assert_same(record, output=POSITION, samples=400):
+    assert record.samples == samples
+    np.testing.assert_allclose(record.output[:, 0], output, atol=1e-9)
+    np.testing.assert_allclose(record.input[: samples - 1, 0], DRIVE[: samples - 1], atol=1e-9)
+
+
+def status_of(answer: Answer) -> str:
+    status, out, error = answer
+    assert status == 0, error
+    return out + error
+
+
+@pytest.mark.parametrize(
+    ("header", "delimiter", "comma", "unit"),
+    [
+        ("time,drive,position", ",", False, 1.0),
+        ("time [ms];drive [V];position [mrad]", ";", False, 1000.0),
+        ("Made by a logger\nt;u;pos\nms;V;mrad", ";", True, 1000.0),
+        ("# time drive position", " ", False, 1.0),
+        ("t_ms\tU\tangle (mrad)", "\t", True, 1000.0),
+    ],
+)
+def test_names_units_delimiters_and_decimal_signs_are_found(imported, tmp_path, header, delimiter, comma, unit):
+    file = table(tmp_path / "log.csv", header, unit * TIME, DRIVE, unit * POSITION, delimiter=delimiter, comma=comma)
+    assert "one in 0.01 s" in status_of(imported(file))
+    assert_same(read(tmp_path), samples=400)
+
+
+def test_the_mapping_is_kept_and_used_again(imported, tmp_path):
+    file = table(tmp_path / "log.csv", "a,b,c", TIME, DRIVE, POSITION)
+    status, _, error = imported(file)
+    assert status == 2
+    assert error.count("\n") == error.count("error: ") == 3  # a line for each that is open
+    assert "no column is a time" in error
+    assert "which column is drive" in error
+    chosen = ("--column", "time=a", "--column", "drive=b", "--column", "position=c")
+    status_of(imported(file, *chosen))
+    assert_same(read(tmp_path))
+    other = table(tmp_path / "other.csv", "a,b,c", TIME, DRIVE, POSITION)
+    assert "import.yaml says" in status_of(imported(other))
+    assert_same(read(tmp_path, "other"))
+    strange = table(tmp_path / "strange.csv", "t,x,y", TIME, DRIVE, POSITION)
+    refused(imported(strange), "has no column a, b, c", "another rig")
+
+
+def test_doubled_missing_and_disordered_rows_are_repaired_by_name(imported, tmp_path):
+    rows = np.concatenate([np.arange(100), [99, 100, 102, 101], np.arange(103, 200), np.arange(203, 400)])
+    output = POSITION.copy()
+    output[300] = np.nan
+    file = table(tmp_path / "log.csv", "time,drive,position", TIME[rows], DRIVE[rows], output[rows])
+    said = status_of(imported(file))
+    for words in ("there twice", "go backwards", "1 gaps, up to 0.04 s", "1 of"):
+        assert words in said
+    record = read(tmp_path)
+    assert record.samples == 400
+    assert list(np.flatnonzero(~record.measured)) == [200, 201, 202, 300]
+    np.testing.assert_allclose(record.output[record.measured, 0], POSITION[record.measured], atol=1e-9)
+
+
+def test_a_long_gap_makes_two_records(imported, tmp_path):
+    rows = np.concatenate([np.arange(150), np.arange(250, 400)])
+    file = table(tmp_path / "log.csv", "time,drive,position", TIME[rows], DRIVE[rows], POSITION[rows])
+    assert "into 2 records" in status_of(imported(file))
+    np.testing.assert_allclose(read(tmp_path, "log_2").output[:, 0], POSITION[250:], atol=1e-9)
+
+
+def test_uneven_times_are_interpolated_and_coarse_ones_spread(imported, tmp_path):
+    uneven = np.cumsum(np.random.default_rng(0).uniform(0.004, 0.016, 400))
+    output = 0.05 * np.sin(3.0 * uneven)
+    assert "uneven" in status_of(imported(table(tmp_path / "log.csv", "time,u,position", uneven, DRIVE, output)))
+    record = read(tmp_path)
+    exact = 0.05 * np.sin(3.0 * (record.time + uneven[0]))
+    assert np.abs(record.output[:, 0] - exact)[5:-5].max() < 5e-4
+    coarse = np.floor(TIME / 0.04) * 0.04
+    assert "spread evenly" in status_of(
+        imported(table(tmp_path / "second.csv", "time,u,position", coarse, DRIVE, POSITION))
+    )
+    assert_same(read(tmp_path, "second"))
+
+
+def test_a_column_has_its_own_late_and_drifting_clock(imported, tmp_path):
+    """Its stamp is late by 30 ms, and its clock is fast by a thousandth."""
+    file = table(tmp_path / "log.csv", "t,u,t2,y", TIME, DRIVE, 1.001 * TIME + 0.03, POSITION)
+    mapping = tmp_path / "clock.yaml"
+    mapping.write_text(
+        "time: {column: t2}\ninputs: {drive: {column: u, time: t, delay: -0.03, drift: -9.99000999e-4}}\n"
+        "outputs: {position: {column: y}}\n"
+    )
+    status_of(imported(file, "--mapping", str(mapping)))
+    record = read(tmp_path)
+    np.testing.assert_allclose(record.output[:390, 0], POSITION[:390], atol=1e-6)
+    assert np.mean(np.abs(record.input[:390, 0] - DRIVE[:390]) < 1e-3) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("columns", "arguments", "words"),
+    [
+        ((TIME, DRIVE, POSITION), ("--unit", "position=kg"), ("position", "'kg'", "don't measure the same")),
+        ((TIME, DRIVE, POSITION), ("--unit", "drive=kV"), ("drive goes to", "actuator")),
+        ((TIME, DRIVE, 1000 * POSITION), (), ("position goes to", "travel")),
+        ((TIME, DRIVE, POSITION), ("--column", "position=z"), ("no column 'z'",)),
+        ((TIME, DRIVE, POSITION), ("--column", "speed=position"), ("'speed' is no signal",)),
+        ((TIME, DRIVE, POSITION), ("--unit", "time=V"), ("unit of time",)),
+        ((TIME[::-1], DRIVE, POSITION), (), ("go backwards",)),
+        ((np.r_[TIME[:200], TIME[:200] - 5.0], DRIVE, POSITION), (), ("set back", "row 200")),
+        ((np.r_[TIME[:399], 1e9], DRIVE, POSITION), (), ("jumps by",)),
+        ((np.repeat(TIME[:200] ** 2, 2), DRIVE, POSITION), (), ("twice, unevenly",)),
+        ((TIME, np.full(400, np.nan), POSITION), (), ("holds no number",)),
+    ],
+)
+def test_what_can_not_be_is_refused_in_a_line(imported, tmp_path, columns, arguments, words):
+    file = table(tmp_path / "log.csv", "time,drive,position", *columns)
+    refused(imported(file, *arguments), *words)
+    assert not (tmp_path / "bags" / "log").exists()
+
+
+def test_files_that_are_no_tables_are_refused(imported, tmp_path):
+    for name, content, words in (
+        ("a.csv", b"", "empty"), ("a.csv", b"\0\1\2" * 99, "no text file"),
+        ("a.csv", b"hello\nworld\n", "no row of numbers"), ("a.xyz", b"1", "no known kind"),
+    ):  # fmt: skip
+        (tmp_path / name).write_bytes(content)
+        refused(imported(str(tmp_path / name)), words)
+    refused(imported(str(tmp_path / "missing.csv")), "no such file")
+
+
+def test_a_file_larger_than_the_memory_is_refused_before_it_is_read(imported, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time,drive,position\n" + "0.00,1.00,0.01\n" * 20000)
+    with path.open("r+b") as file:
+        file.truncate(10 << 30)  # a hole, which takes no room
+    refused(imported(str(path)), "GiB", "cut the file")
