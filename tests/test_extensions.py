@@ -123,6 +123,7 @@ report.write_report("report.html", report.identification_section(model, []), loo
 """
 
 
+@pytest.mark.slow
 def test_the_page_s_extension_adds_what_it_says(heating: Path, apart: Apart, domain: int) -> None:
     pytest.importorskip("plotly", reason="needs the extra report")
 

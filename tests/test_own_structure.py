@@ -122,6 +122,7 @@ def test_known_parameters_come_back(call: Call) -> None:
     assert found.returncode == 0, found.stderr
 
 
+@pytest.mark.slow
 def test_the_commands_of_the_page_run_and_without_the_package_the_model_is_refused(call: Call, tmp_path: Path) -> None:
     identified, evaluated = (call(*words) for words in COMMANDS)
     assert (identified.returncode, evaluated.returncode) == (0, 0), identified.stderr + evaluated.stderr

@@ -271,6 +271,7 @@ def test_a_session_says_where_the_bag_of_a_killed_recorder_is(domain: int, tmp_p
         assert sum(topic.messages for topic in recovered.topics.values()) > 0
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_is_started_again_and_the_loop_comes_back(domain: int, tmp_path: Path) -> None:
     """The controller dies, then the recorder: each time commands come again, and what comes then is in the next bag."""
     lines: list[str] = []
