@@ -98,6 +98,8 @@ class Sentence:
     text: str
     commands: tuple[Command, ...]
     stops: bool = False
+    emergency: bool = False
+    """Whether the inputs rest at once and stay there until somebody resets and arms the controller."""
 
     @property
     def is_stop(self) -> bool:

@@ -21,6 +21,8 @@ from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 
 def description(sentence: Sentence, vocabulary: Vocabulary) -> str:
     """A sentence as it was understood."""
+    if sentence.emergency:
+        return "emergency stop"
     parts = [_TELLERS[type(command)](command, vocabulary) for command in sentence.commands]
     return ", then ".join([*parts, *(["stop"] if sentence.stops else [])])
 

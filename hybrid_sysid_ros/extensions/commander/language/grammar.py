@@ -19,7 +19,8 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Wait,
 )
 from hybrid_sysid_ros.extensions.commander.language.files import Files, is_picture
-from hybrid_sysid_ros.extensions.commander.language.sentence import Clause, Quantity, clauses, says_stop
+from hybrid_sysid_ros.extensions.commander.language.sentence import Clause, Quantity, clauses
+from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, stop_in
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, of_rig
 from hybrid_sysid_ros.runtime.configuration import SetPointRange
@@ -33,8 +34,12 @@ SHORTEST = 1e-3
 
 def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sentence:
     """The commands of a sentence; files: those that it may follow. A text that says stop and is not understood is a
-    stop. Raises UserError for any other that is not understood, in a line that says what to write instead.
+    stop, and one that speaks of an emergency is one whatever else it says. Raises UserError for any other that is not
+    understood, in a line that says what to write instead.
     """
+    said = stop_in(text)
+    if said == EMERGENCY:
+        return Sentence(text=text, commands=(), stops=True, emergency=True)
     try:
         found = clauses(text, vocabulary)
         if found[0].verbs and found[0].verbs[0] == words.STOP:
@@ -45,7 +50,7 @@ def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sente
         rest = found[:-1] if stops else found
         commands = tuple(_Reader(clause, vocabulary, files or Files()).command() for clause in rest)
     except UserError:
-        if says_stop(text):
+        if said:
             return Sentence(text=text, commands=(), stops=True)
         raise
     return Sentence(text=text, commands=commands, stops=stops)

@@ -83,7 +83,9 @@ class Interpreter:
         try:
             sentence = self.read(text)
             if sentence.is_stop:
-                return Reply(text=text, accepted=True, line="stop: the inputs go to rest at once")
+                return Reply(
+                    text=text, accepted=True, line=f"{self.description(sentence)}: the inputs go to rest at once"
+                )
             plan = self.plan(sentence, np.zeros(len(self.vocabulary.outputs)))
             forecast = self.forecast(plan, self.simulator.rest)
         except UserError as error:

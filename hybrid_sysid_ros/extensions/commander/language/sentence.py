@@ -39,8 +39,6 @@ PHRASES = (
     (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
 )
 """What is written in several words."""
-STOPS = re.compile(rf"\b(?:{'|'.join(word for word, verb in words.VERBS.items() if verb == words.STOP)})\b")
-DONT_STOP = re.compile(rf"\b(?:not|never|no|don'?t|without)\s+(?:\w+\s+)?{STOPS.pattern}")
 LOOKALIKES = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2019": "'", "\u00ba": "°", "\u03bc": "µ", "\t": " "})
 """Minus, en dash, apostrophe, ordinal and Greek mu, as editors and phones write them."""
 
@@ -98,12 +96,6 @@ def clauses(text: str, vocabulary: Vocabulary) -> list[Clause]:
     if len(found) > MOST:
         raise UserError(f"{len(found)} parts: a command has {MOST} at most; for more, follow a file")
     return found
-
-
-def says_stop(text: str) -> bool:
-    """Whether a text that nobody understands says stop somewhere, and not "don't"."""
-    said = text.translate(LOOKALIKES).lower()
-    return STOPS.search(said) is not None and DONT_STOP.search(said) is None
 
 
 def _tokens(text: str) -> Iterator[tuple[str, str]]:

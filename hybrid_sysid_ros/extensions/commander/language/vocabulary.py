@@ -42,7 +42,7 @@ VERBS: Mapping[str, str] = {
     **dict.fromkeys((LOOK, "looks", "match", "resemble"), LOOK),
     **dict.fromkeys((REPEAT, "again", "redo"), REPEAT),
     **dict.fromkeys((HOME, "centre", "center"), HOME),
-    **dict.fromkeys((STOP, "halt", "abort", "freeze", "emergency", "stopp"), STOP),
+    **dict.fromkeys((STOP, "halt", "abort", "freeze", "stopp"), STOP),
 }
 """What a clause asks for, by the words for it."""
 TO, FROM, BETWEEN, BY, AROUND, AT, FOR, IN, EVERY, AND, PLUS_MINUS = (

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Start
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan
-from hybrid_sysid_ros.extensions.commander.language.sentence import says_stop
+from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, stop_in
 from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import ConfiguredInterpreter, give_way
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import SUBSCRIBES, LoopMonitor
 from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import PlanWriter
@@ -80,7 +80,7 @@ class CommanderNode(RigNode):
         self._lock = RLock()
         """Nothing begins between a stop and what it drops."""
         super().__init__(**options)
-        self.stopper, self.enabler = (self._caller(name) for name in ("stop", "enable"))
+        self.stopper, self.latcher, self.enabler = (self._caller(name) for name in ("stop", "estop", "enable"))
         self.create_service(Trigger, "~/stop", self.on_stop)
         self.create_service(SetBool, "~/arm", self.on_arm)
 
@@ -145,13 +145,13 @@ class CommanderNode(RigNode):
     def _obey(self, text: str) -> None:
         interpreter = self.interpreting.interpreter if self.active else None
         if interpreter is None:
-            if says_stop(text):
-                self.stop(text)
+            if said := stop_in(text):
+                self.stop(text, emergency=said == EMERGENCY)
                 return
             raise UserError(self.interpreting.missing if self.active else f"the commander is {self.state}: activate it")
         sentence = interpreter.read(text)
         if sentence.is_stop:
-            self.stop(text)
+            self.stop(text, emergency=sentence.emergency)
             return
         with self._lock:
             if self.checking:
@@ -256,11 +256,14 @@ class CommanderNode(RigNode):
             response.message = str(error)
         return response
 
-    def stop(self, text: str) -> None:
-        """Inputs to rest. Raises UserError where no controller is there to do it."""
+    def stop(self, text: str, *, emergency: bool = False) -> None:
+        """Inputs to rest; in an emergency, until the controller is reset and armed. Raises UserError where there is no
+        controller.
+        """
         self.turn += 1
+        stopper = self.latcher if emergency else self.stopper
         try:
-            self.call(self.stopper)
+            self.call(stopper)
         finally:
             with self._lock:
                 started = self.running is not None and monotonic() - self.running.since < JUST
@@ -268,9 +271,11 @@ class CommanderNode(RigNode):
                 self.armed, self.stopped, self.checking = False, True, ""
                 self.ready = self.running = None
         if started:  # which may have enabled the controller after that
-            self.call(self.stopper)
+            self.call(stopper)
         if self.active:
-            self.reply(text, "stopped", "stopped: the inputs go to rest; the commander is disarmed", OK, {})
+            latched = ", and the controller until it is reset and armed" if emergency else ""
+            words = f"stopped: the inputs go to rest; the commander is disarmed{latched}"
+            self.reply(text, "stopped", words, OK, {})
             self.staying = True
 
     def stay(self) -> None:

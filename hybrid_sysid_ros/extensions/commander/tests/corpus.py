@@ -230,7 +230,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "go to 2 V in -1 s", Refused("no time")),
     (BEAM, "swing between -1 and 1 V at 0 Hz for 3 s", Refused("frequency")),
     # Conditions, negations, endless things.
-    (BEAM, "do not move", Refused("leave")),
+    (BEAM, "do not move", [STOP]),
     (BEAM, "never go to 3 V", Refused("leave")),
     (BEAM, "don't hold 3 V", Refused("leave")),
     (BEAM, "go to 3 V if it is safe", Refused("conditions")),

@@ -155,6 +155,14 @@ def test_stop_is_understood_while_a_plan_is_checked(loop: Loop, text: str) -> No
     assert loop.commander.ready is None
 
 
+def test_an_emergency_stays_until_the_controller_is_reset_and_armed(loop: Loop) -> None:
+    loop.say("swing between -1 and 1 V at 1 Hz for 2 s")
+    assert "reset and armed" in loop.say("cut the power!").message
+    loop.bench.until(lambda: loop.controller.operation.emergency)
+    assert state(loop.say("go to 1 V")) == "waits"
+    assert not loop.call("controller/enable").success
+
+
 def test_stop_works_while_the_commander_is_not_configured(bench: Bench) -> None:
     controller = bench.start(ControllerNode, policy="exact", lockstep=True, latency=0.0)
     commander = bench.start(CommanderNode, autostart=False)

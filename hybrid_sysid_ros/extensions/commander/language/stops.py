@@ -1,0 +1,104 @@
+"""Stops: whether a text says stop in one of five languages, whatever else it says."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hybrid_sysid_ros.support.structured import read_mapping
+
+STOP, EMERGENCY = "stop", "emergency"
+TOKEN = re.compile(r"[^\W\d_]+|\d+|[.,;:!?\n]")
+SPELLED = re.compile(r"\b(?:[a-z] ){2,}[a-z]\b")
+REPEATED = re.compile(r"(\w)\1+")
+SHORTEST = 4
+"""Letters of a word that may hold slips."""
+
+
+class _Patterns(NamedTuple):
+    """Of normalised texts."""
+
+    emergency: re.Pattern[str]
+    stop: re.Pattern[str]
+    not_stop: re.Pattern[str]
+    slips: frozenset[str]
+    articles: frozenset[str]
+
+
+def stop_in(text: str) -> str:
+    """EMERGENCY, STOP, or "" for a text that says neither, or says "don't" before."""
+    patterns = _patterns()
+    said = _normalised(text, patterns)
+    said = patterns.not_stop.sub(" ", said)
+    if patterns.emergency.search(said):
+        return EMERGENCY
+    return STOP if patterns.stop.search(said) or patterns.slips & set(said.split()) else ""
+
+
+def plain(text: str) -> str:
+    """In small letters, without accents and apostrophes."""
+    split = unicodedata.normalize("NFKD", text.casefold().replace("'", "").replace("\u2019", ""))
+    return "".join(letter for letter in split if not unicodedata.combining(letter))
+
+
+def _normalised(text: str, patterns: _Patterns) -> str:
+    """Words with a space around each, "|" for marks; letters that were repeated or spelled out are joined."""
+    said = " ".join("|" if len(word) == 1 and not word.isalnum() else word for word in TOKEN.findall(_apart(text)))
+    said = SPELLED.sub(lambda match: match[0].replace(" ", ""), said.replace(" | ", "|").replace("|", " | "))
+    return f" {' '.join(_joined(word) for word in said.split() if word not in patterns.articles)} "
+
+
+def _apart(text: str) -> str:
+    """Plain, with "d'urgence" and "not-aus" in two words, and "s.t.o.p" in letters."""
+    split = re.sub(r"\b([dlnst])['\u2019](?=\w{2})", r"\1 ", text, flags=re.IGNORECASE)
+    return re.sub(r"(?<=\b[a-z])[.-](?=[a-z]\b)", " ", plain(split))
+
+
+def _joined(word: str) -> str:
+    """With each letter once where it is repeated, in words of SHORTEST letters."""
+    return REPEATED.sub(r"\1", word) if len(word) >= SHORTEST else word
+
+
+def _phrase(words: str) -> str:
+    """The expression of a phrase; "*" for up to three words of the same clause."""
+    parts = [r"(?:(?!nicht )[^ |]+ ){0,3}" if word == "*" else f"{re.escape(_joined(word))} " for word in words.split()]
+    return " " + "".join(parts)
+
+
+def _any(phrases: Iterable[str]) -> str:
+    return f"(?:{'|'.join(_phrase(words)[1:] for words in sorted(phrases, key=len, reverse=True))})"
+
+
+@cache
+def _patterns() -> _Patterns:
+    """Those of the table."""
+    table = read_mapping(Path(__file__).with_name("stops.yaml"))
+    emergency, anywhere, motionless, edge, alone = (
+        _any(_all(table[kind])) for kind in ("emergency", "anywhere", "motionless", "edge", "alone")
+    )
+    stop = rf"(?<= )(?:{anywhere}|{motionless})|(?:^ |\| ){edge}|(?<= ){edge}(?:$|\|)|^ (?:\| )*{alone}(?:\| )*$"
+    before, with_no, whole = (_any(table["unless"][kind]) for kind in ("before", "with_no", "whole"))
+    not_stop = rf"(?<= )(?:{before}(?:[^ |]+ )?(?:{emergency}|{anywhere}|{edge})|(?:no|nao) {with_no}|{whole})"
+    return _Patterns(
+        emergency=re.compile(rf"(?<= ){emergency}"),
+        stop=re.compile(stop),
+        not_stop=re.compile(not_stop),
+        slips=frozenset(slip for word in table["slips"] for slip in _slips(word)) - {"step"},
+        articles=frozenset(table["articles"]),
+    )
+
+
+def _all(table: dict[str, Any]) -> list[str]:
+    return [words for language in table.values() for words in language]
+
+
+def _slips(word: str) -> Iterable[str]:
+    """A word with two neighbours swapped, or one letter left out that is not its first or last."""
+    for k in range(len(word) - 1):
+        yield _joined(word[:k] + word[k + 1] + word[k] + word[k + 2 :])
+        if k and len(word) > SHORTEST:
+            yield _joined(word[:k] + word[k + 1 :])

@@ -1,0 +1,72 @@
+"""Stops: whatever people say for one, in five languages, and what is none."""
+
+from __future__ import annotations
+
+import pytest
+
+from hybrid_sysid_ros.extensions.commander.language import grammar
+from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, STOP, stop_in
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs import rig as rigs
+
+SAID = {
+    "en": """
+        stop | STOP!!! | Stooop | s.t.o.p | S T O P | stpo | halt | abort | freeze! | whoa | cancel |
+        cancel that | quit | brake | turn it off | turn the motor off | switch off | shut down | shut it
+        all down | power off | halt the swing | hit the brakes | enough | that's enough | hold on! | don't
+        move | stand still | knock it off | oh no stop | no, stop! | oh no it is shaking stop | please
+        brake | you must abort now | go to 99 V stop | can't you stop
+    """,
+    "pt": """
+        pare | PARE | pára! | para | para tudo | para já | meu deus para | não, para! | parar | parem |
+        pare agora | chega | basta | desliga | desligue o motor | aborta | cancela | freia | trava |
+        interrompe isso | não se mexa | fica quieto
+    """,
+    "es": """
+        para ya | párate | deténgase | detente | detener | ¡alto! | basta ya | frena | apágalo | apague el
+        motor | cancelar | no te muevas | quieto | parad, detened, paren
+    """,
+    "de": """
+        stopp | halt | Halt an! | anhalten | stehen bleiben | bleib sofort stehen | abbrechen | Abbruch |
+        brems | bremsen | schalte den Motor aus | mach es aus | aus | hör auf | Hör auf damit! | Schluss |
+        genug | nicht bewegen
+    """,
+    "fr": """
+        arrête | ARRÊTEZ | arrête-toi | arrêter | arrêt | stoppez | halte ! | ça suffit | c'est assez |
+        freine | coupe le moteur | ne bouge plus | ne bougez pas | annule
+    """,
+}
+LATCHING = """
+    emergency | emergency stop | E-STOP | estop now | cut the power | kill it | pull the plug | emergência |
+    parada de emergência | corta a energia | socorro | emergencia | corta la corriente | Not-Aus | NOTAUS |
+    Nothalt | arrêt d'urgence | coupe le courant
+"""
+NONE = """
+    don't stop | do not ever stop | never stop | go to 3 V without stopping | não pare | no pares | n'arrête
+    pas | ne t'arrête pas | nicht anhalten | hör nicht auf | halt nicht an | sem parar | step to 3 V | vai para
+    3 graus | de 1 para 2 V | sobe mais alto que 3 | half of 3 V | what is the weather like
+"""
+
+
+def listed(text: str) -> list[str]:
+    return [" ".join(item.split()) for item in text.split("|")]
+
+
+@pytest.mark.parametrize("text", [text for texts in SAID.values() for text in listed(texts)])
+def test_every_word_for_a_stop_stops(text: str) -> None:
+    assert stop_in(text) == STOP
+    assert stop_in(f"oh my, {text.upper()}") == STOP or text == "hold on!"
+    sentence = grammar.read(text, Vocabulary.of(rigs.load("cam_beam")))
+    assert sentence.is_stop
+    assert not sentence.emergency
+
+
+@pytest.mark.parametrize("text", listed(LATCHING))
+def test_an_emergency_latches_whatever_else_is_said(text: str) -> None:
+    assert stop_in(text) == EMERGENCY
+    assert grammar.read(f"go to 1 V, {text}", Vocabulary.of(rigs.load("cam_beam"))).emergency
+
+
+@pytest.mark.parametrize("text", listed(NONE))
+def test_what_asks_for_no_stop_is_none(text: str) -> None:
+    assert stop_in(text) == ""
