@@ -35,7 +35,7 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.control.scenarios import Scenario, Spread, steady_motion
+from hybrid_sysid_ros.control.scenarios import Scenario, Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
@@ -256,12 +256,11 @@ def cost(
     periods = round(SECONDS / problem.period)
     wanted = references(random, spread, problem)(problem.period * np.arange(1, periods + problem.horizon))
     begins = np.arange(periods) == 0
-    motion = steady_motion(system, problem, np.array(spread.centre))
     none = np.zeros((periods, len(system.states)))
     scenario = Scenario(
         plant=scenarios.plant_near(system, spread.parameters, random),
         begins=begins,
-        states=scenarios.beginnings(random, problem, spread, motion, wanted[:periods]),
+        states=scenarios.beginnings(random, system, problem, spread, wanted[:periods], begins),
         inputs=np.zeros((periods, len(system.inputs))),
         references=wanted,
         disturbances=np.tile(random.normal(size=len(system.inputs)) * np.array(spread.disturbance), (periods, 1)),

@@ -22,9 +22,8 @@ STEADY = 1e-9
 """Largest relative change of an iterate that counts as steady."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SteadyMotion:
-    """States x = state + slope (q - q_0) in which the tracked outputs stay at q, near q_0.
+class SteadyMotion(NamedTuple):
+    """A motion in which the tracked outputs stay at given values.
 
     Steady means rest, or a drift at a constant rate that no tracked output shows, such as the angle of a shaft with a
     tracked speed.
@@ -32,15 +31,8 @@ class SteadyMotion:
 
     state: Array
     """(n,)."""
-    slope: Array
-    """Derivative of the states by the tracked outputs, (n, tracked)."""
     output_map: Array
-    """C (tracked, n), derivative of the tracked outputs by the states."""
-
-    def initial_state(self, state: Array, outputs: Array) -> Array:
-        """A state (n,), moved along steady motions until the tracked outputs are ``outputs``; both are deviations."""
-        moved: Array = state + self.slope @ (outputs - self.output_map @ state)
-        return moved
+    """C (tracked, n), derivative of the tracked outputs by the states there."""
 
 
 def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> SteadyMotion:
@@ -71,10 +63,7 @@ def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> St
         unknown = unknown + change
         if np.max(np.abs(change)) <= STEADY * (1.0 + np.max(np.abs(unknown))):
             break
-    raised = np.zeros((len(matrix), len(tracked)))
-    raised[2 * states : 2 * states + len(tracked)] = np.eye(len(tracked))
-    slope = np.linalg.lstsq(matrix, raised, rcond=None)[0][:states]
-    return SteadyMotion(state=unknown[:states], slope=slope.astype(float), output_map=c)
+    return SteadyMotion(unknown[:states], c)
 
 
 def _unmoved(a: Array, b: Array) -> Array:
@@ -224,23 +213,24 @@ def drawn(
     system: System,
     problem: ControlProblem,
     spread: Spread,
-    motion: SteadyMotion,
     wanted: Array,
     begins: NDArray[np.bool_],
+    *,
+    plant: System | None = None,
     size: float = 1.0,
     apart: float = 0.5,
     often: float = 1.0,
 ) -> Scenario:
     """A scenario along references ``wanted`` (T + N - 1, p) whose controller gets exact states and disturbances.
 
-    The plant is near the system, initial states are near the motion, a share ``apart`` of them anywhere, previous
-    inputs anywhere within their bounds. Disturbances jump at random times and where the loop begins. The state is
-    pushed in a share of the periods, by ``size`` times the spread's pushes. often: factor of the shares of periods
-    with jumps and pushes.
+    The plant is near ``plant``, by default the system, initial states are near the system's steady motions, a share
+    ``apart`` of them anywhere, previous inputs anywhere within their bounds. Disturbances jump at random times and
+    where the loop begins. The state is pushed in a share of the periods, by ``size`` times the spread's pushes. often:
+    factor of the shares of periods with jumps and pushes.
     """
     periods, (n, m) = len(begins), (len(spread.push), len(spread.disturbance))
-    plant = plant_near(system, spread.parameters, random)
-    states = beginnings(random, problem, spread, motion, wanted[:periods], size, apart)
+    plant = plant_near(plant or system, spread.parameters, random)
+    states = beginnings(random, system, problem, spread, wanted[:periods], begins, size=size, apart=apart)
     low, high = np.array(problem.input_low), np.array(problem.input_high)
     inputs = low + (high - low) * random.uniform(size=(periods, m))
     jumps = begins | (random.uniform(size=periods) < often * DISTURBED)
@@ -276,19 +266,28 @@ def plant_near(system: System, deviation: float, random: np.random.Generator) ->
 
 def beginnings(
     random: np.random.Generator,
+    system: System,
     problem: ControlProblem,
     spread: Spread,
-    motion: SteadyMotion,
     wanted: Array,
+    begins: NDArray[np.bool_],
+    *,
     size: float = 1.0,
     apart: float = 0.5,
 ) -> Array:
-    """Initial states (T, n): pushed by ``size`` from a steady motion, a share ``apart`` of them anywhere, the others at
-    the references ``wanted`` (T, p).
+    """Initial states (T, n) in the periods that begin, 0 in the others: pushed by ``size`` from the steady motion at an
+    output, a share ``apart`` of them anywhere, the others at the references ``wanted`` (T, p).
+
+    The push moves along steady motions what the tracked outputs show of it, so these are as drawn.
     """
-    tracked, periods = [k for k, weight in enumerate(problem.output_weights) if weight > 0], len(wanted)
-    anywhere = random.uniform(-1.0, 1.0, wanted.shape) * np.array(spread.amplitude)
+    periods, n = len(wanted), len(spread.push)
+    anywhere = np.array(spread.centre) + random.uniform(-1.0, 1.0, wanted.shape) * np.array(spread.amplitude)
     at_reference = random.uniform(size=(periods, 1)) >= apart
-    outputs = np.where(at_reference, wanted - np.array(spread.centre), anywhere)[:, tracked]
-    pushed = size * random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
-    return motion.state + np.array([motion.initial_state(*pair) for pair in zip(pushed, outputs, strict=True)])
+    outputs, states = np.where(at_reference, wanted, anywhere), np.zeros((periods, n))
+    pushes = size * random.normal(size=(periods, n)) * np.array(spread.push)
+    tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
+    shown = steady_motion(system, problem, np.array(spread.centre)).output_map
+    for k in np.flatnonzero(begins):
+        outputs[k, tracked] -= shown @ pushes[k]
+        states[k] = steady_motion(system, problem, outputs[k]).state + pushes[k]
+    return states

@@ -135,4 +135,3 @@ def test_an_offset_has_no_part_in_a_steady_motion(stabilised):
     system = RateDisturbanceModel(physics=stabilised, on=("speed",))
     motion = steady_motion(system, problem().sized(system), np.array([0.2]))
     assert motion.state == pytest.approx([0.2, 0.0, 0.0], abs=1e-9)
-    assert motion.slope[:, 0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)

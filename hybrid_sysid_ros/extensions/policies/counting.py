@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.safety.certificate import DELTA, Certificate, SeedCounts
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.extensions.policies.criteria import COST, ERROR, EXACT, JUDGED, UNSOLVED, WORST_PERIOD
-from hybrid_sysid_ros.extensions.policies.mixture import STRATA
+from hybrid_sysid_ros.extensions.policies.mixture import BEGINNINGS, STRATA
 from hybrid_sysid_ros.extensions.policies.trial import KKT_TOLERANCE, Drivers, Trial, measured
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.models.storage import plain
@@ -131,7 +131,7 @@ def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
 
 def _stated(trial: Trial) -> dict[str, dict[str, Any]]:
     """Distribution and criteria, as a certificate states them."""
-    mixture = {"strata": STRATA, "periods": trial.periods, **asdict(trial.mixture)}
+    mixture = {"strata": STRATA, "periods": trial.periods, "beginnings": BEGINNINGS, **asdict(trial.mixture)}
     criteria = {**asdict(trial.criteria), "check": trial.tolerances._asdict(), "kkt_tolerance": KKT_TOLERANCE}
     return {"distribution": plain(mixture), "criteria": plain(criteria)}
 

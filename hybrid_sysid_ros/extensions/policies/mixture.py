@@ -9,7 +9,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, SteadyMotion
+from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.policies.reference_kinds import KINDS, references
 from hybrid_sysid_ros.rigs.excitation import Excitation
@@ -20,6 +20,9 @@ APART, DISTURBED = "beginnings apart", "disturbances"
 STRATA = (*KINDS, APART, DISTURBED)
 """Each has the same part of the loops. In those that are named by a kind of reference, a loop begins on it; in the last
 two the reference is of any kind."""
+
+BEGINNINGS = "pushed from the steady motion at an output"
+"""Where loops begin, as a certificate states it."""
 
 OFTEN = 5.0
 """How many times as many jumps of the inputs' disturbances and pushes of the state the stratum of disturbances has."""
@@ -55,7 +58,7 @@ class Mixture:
             disturbance_error=numbers(self.disturbance_error, "certificate: disturbance_error", count=m),
         )
 
-    def scenario(self, plant: System, problem: ControlProblem, motion: SteadyMotion, seed: int, loop: int) -> Scenario:
+    def scenario(self, model: System, plant: System, problem: ControlProblem, seed: int, loop: int) -> Scenario:
         """What a loop is made of; it depends on the seed and the number of the loop alone."""
         random, stratum = np.random.default_rng([seed, loop]), stratum_of(loop)
         periods = round(self.seconds / problem.period)
@@ -65,12 +68,12 @@ class Mixture:
         wanted = target(start + problem.period * np.arange(1, periods + problem.horizon))
         found = scenarios.drawn(
             random,
-            plant,
+            model,
             problem,
             self.spread,
-            motion,
             wanted,
             np.arange(periods) == 0,
+            plant=plant,
             apart=float(stratum == APART),
             often=OFTEN if stratum == DISTURBED else 1.0,
         )

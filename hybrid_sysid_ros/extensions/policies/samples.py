@@ -14,7 +14,7 @@ from hybrid_sysid_ros.control.controller import Controller, MpcSolution, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude, steady_motion
+from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.policies.reference_kinds import references
 from hybrid_sysid_ros.support.arrays import Array
@@ -72,10 +72,9 @@ def scenario_of(
     wanted = target(problem.period * np.arange(1, periods + horizon))
     begins = (random.uniform(size=periods) < RESTARTS) & lively
     begins[0] = True
-    motion = steady_motion(system, problem, np.array(spread.centre))
     moved = size * (random.uniform(size=(periods, 1)) > UNMOVED)
     errors = random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
-    scenario = scenarios.drawn(random, system, problem, spread, motion, wanted, begins, size)
+    scenario = scenarios.drawn(random, system, problem, spread, wanted, begins, size=size)
     jitter = moved * random.normal(size=scenario.inputs.shape) * np.array(spread.input_jitter)
     return scenario._replace(state_errors=JITTER * moved * errors), jitter
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
-from hybrid_sysid_ros.control.scenarios import LoopRun, Scenario, SteadyMotion, steady_motion
+from hybrid_sysid_ros.control.scenarios import LoopRun, Scenario
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.extensions.policies.criteria import (
@@ -82,13 +81,9 @@ class Trial:
         """Of a loop."""
         return round(self.mixture.seconds / self.policy.period)
 
-    @cached_property
-    def _motion(self) -> SteadyMotion:
-        return steady_motion(self.model, self.policy.problem, np.array(self.mixture.spread.centre))
-
     def scenario(self, loop: int) -> Scenario:
         """What a loop is made of; it depends on the seed and the number of the loop alone."""
-        return self.mixture.scenario(self.plant, self.policy.problem, self._motion, self.seed, loop)
+        return self.mixture.scenario(self.model, self.plant, self.policy.problem, self.seed, loop)
 
     def run(self, scenario: Scenario, driver: int) -> Driven:
         """One loop of a driver."""

@@ -8,6 +8,8 @@ import pytest
 from hybrid_sysid_ros.control import ExactMpc, scenarios
 from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near, steady_motion
 from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample, scenario_of, shifted
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_policies import CARTS, CASES
 from tests.small_policies import PROBLEM, SPREAD, model_of
@@ -78,12 +80,33 @@ def test_loops_begin_on_the_reference_or_anywhere_and_at_rest_there():
     """Without pushes the states are steady: the system stays where it is under inputs that hold it."""
     case = CARTS
     spread = dataclasses.replace(CARTS_SPREAD, push=(0.0,)).sized(case.system)
-    motion = steady_motion(case.system, case.problem, np.array(spread.centre))
     wanted = 0.2 + np.random.default_rng(1).uniform(-0.3, 0.3, (400, 3))
-    states = scenarios.beginnings(np.random.default_rng(0), case.problem, spread, motion, wanted)
+    begins = np.arange(400) < 300
+    states = scenarios.beginnings(np.random.default_rng(0), case.system, case.problem, spread, wanted, begins)
+    assert not states[300:].any()
+    states, wanted = states[:300], wanted[:300]
     np.testing.assert_allclose(states[:, 2:], 0.0, atol=1e-9)
     on = np.all(np.abs(states @ case.c[case.tracked].T - wanted[:, case.tracked]) < 1e-9, axis=1)
     assert 0.4 < np.mean(on) < 0.6
+
+
+def test_a_loop_of_a_rig_with_dry_friction_begins_as_it_turns():
+    """A bit that turns twists its shaft by friction and drag at that speed, k d + Tf + cd w = 0. The slope at rest of
+    friction that is rounded there would give a hundred times the twist.
+    """
+    rig = rigs.load("drill_string")
+    system, named = rig.system, rig.system.named
+    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
+    spread = Spread(amplitude=(8.0, 0.0), disturbance=(0.0,), push=(0.0,)).sized(system)
+    wanted = np.column_stack([np.linspace(2.0, 8.0, 50), np.zeros(50)])
+    states = scenarios.beginnings(
+        np.random.default_rng(0), system, problem, spread, wanted, np.full(50, True), apart=0.0
+    )
+    twist, bit, top = states[:, :3].T
+    np.testing.assert_allclose(bit, wanted[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(top, wanted[:, 0], rtol=1e-6)
+    level = named["coulomb"] + named["static_excess"] * np.exp(-((bit / named["stribeck_speed"]) ** 2))
+    np.testing.assert_allclose(-named["stiffness"] * twist, level + named["bit_damping"] * bit, rtol=0.01)
 
 
 def test_a_steady_motion_is_rest_where_outputs_are_positions_and_drift_where_one_is_a_speed(flexible_joint):
