@@ -12,7 +12,7 @@ PACKAGE := pyproject.toml setup.py setup.cfg package.xml
 TRAINED := $(filter-out 0,$(TRAIN))
 FILMED := $(filter-out 0,$(CAMERA))
 OUT := out/demo$(if $(FILMED),_camera)$(if $(RIG),_$(notdir $(RIG:/=)))
-DEMO := $(if $(RIG)$(FILMED),$(BIN)/hybrid-sysid demo$(if $(FILMED), --camera)$(if $(RIG), --rig $(RIG)),$(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo))
+DEMO := $(if $(RIG)$(FILMED),$(BIN)/hybrid-sysid demo$(if $(FILMED), --camera)$(if $(RIG), --rig $(RIG)),$(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo)) --overwrite
 
 # A sourced ROS, or the wheels of another environment, must not leak into .venv.
 ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)

@@ -308,6 +308,20 @@ def test_the_demo_says_at_once_where_it_cannot_write(command, tmp_path):
     refused(command("demo", "--out", tmp_path / "file" / "demo"), "file/demo", "--out")
 
 
+def test_the_results_of_a_demo_are_replaced_only_on_request(command, tmp_path):
+    (tmp_path / "report.html").write_text("mine")
+    refused(command("demo", "--out", tmp_path), tmp_path / "report.html", "--overwrite")
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_a_parameter_file_is_replaced_only_on_request(command, tmp_path):
+    file = tmp_path / "cam_beam.yaml"
+    file.write_text("mine")
+    refused(command("parameters", "--out", file), file, "--overwrite")
+    assert command("parameters", "--out", file, "--overwrite")[0] == 0
+    assert "ros__parameters" in file.read_text()
+
+
 def test_what_was_identified_is_there_as_json(command, tmp_path):
     arguments = ["--structure", "linear", "--step", "0.05", "--part", "0:0.3", "--out", tmp_path / "model", "--json"]
     status, out, _ = command("identify", MULTISINE, *arguments)

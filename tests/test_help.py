@@ -48,6 +48,18 @@ def test_an_option_is_the_same_wherever_it_is():
     assert {name for name, found in kinds.items() if len(found) > 1} == set()
 
 
+@pytest.mark.parametrize("words", ["call", "check", "demo", "policy certify", "rig check", "run", "search", "set"])
+def test_numbers_for_people_are_there_for_scripts(words):
+    made = LateCommand(words, *COMMANDS[words]).made()
+    assert "--json" in {name for item in made.params for name in item.opts}
+
+
+def test_a_default_is_shown_as_it_is_typed(command):
+    shown = " ".join(command("run", "-h")[1].split())
+    assert "[default: cam_beam]" in shown
+    assert "hybrid-sysid call [OPTIONS] [SERVICE] " in " ".join(command("call", "-h")[1].split())
+
+
 def test_the_choices_of_who_drives_are_those_of_the_controller():
     assert get_args(DriverChoice) == parameters("cam_beam", "controller")["policy"].choices
 

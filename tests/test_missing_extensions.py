@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from hybrid_sysid_ros import models
+from hybrid_sysid_ros.commands import demo, run
+from hybrid_sysid_ros.commands.app import arguments_of
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.trunk import NEIGHBOURS
@@ -30,6 +32,8 @@ def test_a_missing_extension_of_ours_is_named(home: Path, words: str, command: C
     assert extensions.missing(words).startswith(why)
     if words in ("say", "policy train"):
         refused(command(*words.split()), f"error: command {words}: {why}")
+    if words.startswith("--"):
+        refused(command("run", words, "1"), f"error: option {words}: {why}")
 
 
 @pytest.mark.usefixtures("home")
@@ -39,10 +43,18 @@ def test_an_extension_of_ours_that_fails_is_named() -> None:
         models.structure_of("residual_gray", None)  # type: ignore[arg-type]
 
 
+def _options(extension: extensions.Extension) -> set[str]:
+    """Options that it adds to run and demo."""
+    commands: dict[str, Callable[..., None]] = {"companions": run.command, "demos": demo.command}
+    makers = [extensions.loaded(item) for kind in commands for item in extension.provides.get(kind, {}).values()]
+    added = {name for make in makers for name in arguments_of(make)}
+    return {f"--{name}" for name in added.difference(*map(arguments_of, commands.values()))}
+
+
 def test_what_ours_add_is_known_without_them() -> None:
     ours = {path.parent.name for path in extensions.HOME.glob(f"*/{extensions.MANIFEST}")}
     named = {
-        item.name: {*item.commands, *item.nodes, *item.provides.get("structures", ())}
+        item.name: {*item.commands, *item.nodes, *item.provides.get("structures", ()), *_options(item)}
         for item in extensions.installed()
         if item.name in ours
     }

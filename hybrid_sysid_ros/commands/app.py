@@ -52,7 +52,7 @@ class LateCommand(TyperCommand):
 
             for option in made.params:
                 if option.name == "rig" and not option.required and not option.callback:
-                    option.show_default = default()
+                    option.default = default()
         return made.make_context(info_name, args, parent=parent, **extra)
 
 
@@ -120,6 +120,9 @@ def _usage(error: typer.BadParameter) -> str:
     message, context = error.format_message(), error.ctx
     if context is not None and message == context.get_help():
         return message
+    option = str(getattr(error, "option_name", ""))
+    if why := extensions.missing(option):
+        return f"error: option {option}: {why}"
     line = " ".join(message.split()).rstrip(".").replace("Value error, ", "")  # as pydantic begins it
     return f"error: {line[0].lower()}{line[1:]}{f': see {context.command_path} --help' if context else ''}"
 

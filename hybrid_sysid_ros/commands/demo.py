@@ -15,7 +15,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands.terminal import RigName, console, print_lines, print_table
+from hybrid_sysid_ros.commands.terminal import Json, Overwrite, RigName, Seed, console, print_lines, print_table, status
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
@@ -44,26 +44,46 @@ OUT = Path("out/demo")
 EXTENDED_BY = "demos"
 
 
-def command(rig: RigName = "", out: Out = None, train: Train = False, demos: Sequence[Callable[[], None]] = ()) -> None:
+def command(
+    rig: RigName = "",
+    out: Out = None,
+    train: Train = False,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+    demos: Sequence[Callable[[], dict[str, Any]]] = (),
+) -> None:
     """From bags to a controlled rig: identify, run the loop, report."""
     if demos:
         if len(demos) > 1 or train:
             raise UserError("these are several demos: leave all but one of --train and the others out")
-        demos[0]()
-        return
-    chosen = load_rig(rig or default())
-    place = out or (OUT if chosen.name == default() else OUT.with_name(f"demo_{chosen.name}"))
-    demo(place, rig=chosen.source, train=train)
+        summary = demos[0]()
+    else:
+        chosen = load_rig(rig or default())
+        place = out or (OUT if chosen.name == default() else OUT.with_name(f"demo_{chosen.name}"))
+        summary = demo(place, rig=chosen.source, train=train, seed=seed, overwrite=overwrite, quiet=as_json)
+    if as_json:
+        console.print(json.dumps(summary, indent=2))
 
 
-def demo(out: Path, records: RecordSplit | None = None, *, rig: str = "", train: bool = False) -> dict[str, Any]:
+def demo(
+    out: Path,
+    records: RecordSplit | None = None,
+    *,
+    rig: str = "",
+    train: bool = False,
+    seed: int = 0,
+    overwrite: bool = False,
+    quiet: bool = False,
+) -> dict[str, Any]:
     """Identify a rig from bags, run it under the approximate MPC as ROS 2 processes, and report.
 
     It writes report.html, summary.json, the model and the bag of the loop to ``out``. records: by default those that
     the rig's file names. rig: name or path, by default the default rig. train: the loop uses the model identified here
-    and a policy trained for it, instead of the shipped ones.
+    and a policy trained for it, instead of the shipped ones. seed: of the fit, the training and the sensors' noise.
+    overwrite: whether the results of another demo are replaced. quiet: whether none are printed.
 
-    Raises UserError for missing records or extras, and where a node fails.
+    Raises UserError for missing records or extras, for results that may not be replaced, and where a node fails.
     """
     described = load_rig(rig or default())
     plan = DemoRecipe.of(described)
@@ -71,32 +91,39 @@ def demo(out: Path, records: RecordSplit | None = None, *, rig: str = "", train:
     session.check_ros()
     make_folder(out)
     for file in ("report.html", "summary.json"):
-        check_file(out / file)
+        check_file(out / file, replace=overwrite)
     folders = {"model": "model.yaml", "loop": bags.METADATA, **({"policy": "policy.yaml"} if train else {})}
     for folder, marker in folders.items():
-        check_folder(out / folder, marker=marker)
+        check_folder(out / folder, marker=marker, replace=overwrite)
     records = records or plan.records(described, out / "bags")
-    console.print(f"1 identifying {described.name} from {len(records.training)} bags")
-    given: dict[str, Any] = {"sampling": plan.sampling, "part": records.part, "options": plan.options}
+    status.print(f"1 identifying {described.name} from {len(records.training)} bags")
+    given: dict[str, Any] = {"sampling": plan.sampling, "part": records.part, "options": plan.options, "seed": seed}
     model = identify(records.training, described, plan.structure, **given)
     model.save(out / "model")
     model = load_model(out / "model")
     model_folder, policy_folder = configuration.shipped(described.name, "model"), out / "policy"
     if train:
         model_folder = out / "model"
-        _train(model, policy_folder)
+        _train(model, policy_folder, seed)
     else:
         policy_folder = configuration.shipped(described.name, "policy")
     used = load_model(model_folder)
     imitation = policy.load(policy_folder, model=used)
-    console.print("2 running plant, estimator, controller and reference as ROS 2 processes")
-    bag, diagnostics = run_loop(out / "loop", described, plan.reference, model=model_folder, policy_path=policy_folder)
+    status.print("2 running plant, estimator, controller and reference as ROS 2 processes")
+    bag, diagnostics = run_loop(
+        out / "loop", described, plan.reference, model=model_folder, policy_path=policy_folder, seed=seed
+    )
     loop = LoopRecord.from_bag(bag, described)
-    console.print("3 comparing with the exact MPC on the same plant")
+    status.print("3 comparing with the exact MPC on the same plant")
     schedule, system = described.schedule(plan.reference), controller_model(described, used.system)
     costs = [
         simulated_loop(
-            described, used, wrap_for_rig(described, system, controller), schedule, duration=schedule.duration
+            described,
+            used,
+            wrap_for_rig(described, system, controller),
+            schedule,
+            duration=schedule.duration,
+            seed=seed,
         ).cost(imitation.problem)
         for controller in (imitation, ExactMpc(system, imitation.problem))
     ]
@@ -111,8 +138,9 @@ def demo(out: Path, records: RecordSplit | None = None, *, rig: str = "", train:
     called = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     sections = report.identification_section(model, records.tests), section
     report.write_report(out / "report.html", *sections, report.provenance(model, called), run)
-    print_table(_table(summary))
-    print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})
+    if not quiet:
+        print_table(_table(summary))
+        print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})
     return summary
 
 
@@ -144,21 +172,23 @@ def tracked(section: report.ClosedLoopSection, plan: DemoRecipe) -> dict[str, An
     }
 
 
-def _train(model: Model, folder: Path) -> None:
-    with progress_bars(console) as update:
-        extensions.one("policies", "train")(model, samples=beside(folder, ".samples"), progress=update).save(folder)
+def _train(model: Model, folder: Path, seed: int) -> None:
+    with progress_bars(status) as update:
+        extensions.one("policies", "train")(model, seed=seed, samples=beside(folder, ".samples"), progress=update).save(
+            folder
+        )
 
 
 def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:
     """The bag of the loop, and the last diagnostics of its nodes; options: fields of :class:`~.runtime.run.Run`."""
-    with progress_bars(console) as update:
+    with progress_bars(status) as update:
         outcome = Run(
             rig=rig.source,
             reference=reference,
             bag=bag,
             overwrite=True,
             domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # away from running rigs
-            tell=console.print,
+            tell=status.print,
             progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
             **options,
         ).go()

@@ -7,17 +7,20 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import RigName, console
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import parameter_file
-from hybrid_sysid_ros.support.files import written_file
+from hybrid_sysid_ros.support.files import check_file, written_file
 
 
 def command(
     rig: RigName = "",
     out: Annotated[Path | None, typer.Option(help="File to write; without it the parameters are printed.")] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a ROS parameter file with every parameter of every node of a rig, for `--params-file`."""
+    if out is not None:
+        check_file(out, replace=overwrite)
     text = parameter_file(rig or rigs.default())
     if out is None:
         print(text, end="")

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import RigPlace, console, end, print_table
+from hybrid_sysid_ros.commands.terminal import Json, RigPlace, console, end, print_table
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration, preflight
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import collected
 from hybrid_sysid_ros.support.extensions import blaming, loaded, targets
 
 BLOCKS = "▁▂▃▄▅▆▇█"
+StepResponses = tuple[Array, Mapping[str, Array]]
 SAMPLES = 24
 SHOWN = 6
 """Number of values shown of each step response."""
@@ -27,17 +29,25 @@ SHOWN = 6
 def command(
     rig: RigPlace,
     seconds: Annotated[float, typer.Option(help="Length of the step responses [s].", min=1e-3)] = 2.0,
+    as_json: Json = False,
 ) -> None:
     """Check a rig's equations, sensors, limits, signals and node parameters, and show its step response."""
     described = load(rig)
-    print_table(_facts(described))
     findings = check(described)
     problems = [*findings.problems, *_values(described)]
     unread = [name for name in described.content if name not in targets("sections")]
-    for remark in (*findings.remarks, *(f"{name}: no extension that reads it is installed" for name in unread)):
+    remarks = [*findings.remarks, *(f"{name}: no extension that reads it is installed" for name in unread)]
+    responses = None if findings.problems else step_responses(described, seconds=seconds, samples=SAMPLES)
+    if as_json:
+        found = {"rig": described.name, "folder": str(described.folder), "problems": problems, "remarks": remarks}
+        console.print(json.dumps(found | {"step_responses": _content(described, responses)}, indent=2))
+        end(problems)
+        return
+    print_table(_facts(described))
+    for remark in remarks:
         console.print(f"note: {remark}")
-    if not findings.problems:
-        print_table(_responses(described, seconds))
+    if responses is not None:
+        print_table(_responses(described, *responses))
     end(problems)
     console.print(f"{described.name}: no problems")
 
@@ -87,9 +97,18 @@ def _demo(rig: Rig) -> None:
     DemoRecipe.of(rig).places(rig)
 
 
-def _responses(rig: Rig, seconds: float) -> Table:
+def _content(rig: Rig, responses: StepResponses | None) -> dict[str, Any] | None:
+    """Step responses as plain data, None where there are none."""
+    if responses is None:
+        return None
+    times, found = responses
+    shown = [f"{item.name} [{display.unit}]" for item, display in zip(rig.system.outputs, rig.display, strict=True)]
+    curves = {name: dict(zip(shown, outputs.T.tolist(), strict=True)) for name, outputs in found.items()}
+    return {"time [s]": times.tolist(), **curves}
+
+
+def _responses(rig: Rig, times: Array, found: Mapping[str, Array]) -> Table:
     """Table with a row for each input and output: the curve and a few of its values."""
-    times, found = step_responses(rig, seconds=seconds, samples=SAMPLES)
     chosen = np.linspace(0, SAMPLES - 1, SHOWN).round().astype(int)
     headings = (f"{times[k]:.3g} s" for k in chosen)
     table = Table("step of", "output", "", *headings, title="after a step of each input half way to its upper limit")
@@ -101,7 +120,7 @@ def _responses(rig: Rig, seconds: float) -> Table:
     return table
 
 
-def _curve(values: NDArray[np.float64]) -> str:
+def _curve(values: Array) -> str:
     """A curve as a line of block characters."""
     span = float(np.ptp(values)) or 1.0
     levels = ((values - values.min()) / span * (len(BLOCKS) - 1)).round().astype(int)

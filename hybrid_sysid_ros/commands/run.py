@@ -15,6 +15,7 @@ from hybrid_sysid_ros.commands.terminal import (
     Json,
     Overwrite,
     RigName,
+    Seed,
     console,
     print_lines,
     print_table,
@@ -47,6 +48,7 @@ def command(
             help="Reference: constant, steps, sine, multisine or one of the rig's; by default the rig's first."
         ),
     ] = "",
+    seed: Seed = 0,
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
     overwrite: Overwrite = False,
     lockstep: Annotated[
@@ -76,6 +78,7 @@ def command(
             rate=rate,
             duration=duration,
             reference=reference,
+            seed=seed,
             bag=bag,
             overwrite=overwrite,
             companions=companions,

@@ -58,6 +58,8 @@ class Run:
     """Whether it runs in simulated time, as fast as the nodes answer."""
     reference: str = ""
     """A kind, or one of the rig's by name, its first by default."""
+    seed: int = 0
+    """Random seed of the sensors' noise; 0: that of the rig's file."""
     bag: Path | str | None = None
     """Folder to record all topics into."""
     overwrite: bool = False
@@ -170,7 +172,12 @@ class Run:
             "reference": {"kind": self.reference, "duration": self.duration, **self._lock},
             "estimator": {**model, "rate": rate, **self._lock, **latency},
             "controller": {**model, **driven, **self._lock, **latency},
-            "plant": {"rate": rate, **self._lock, "wait_for_readers": 2 if self.bag is None else 3},
+            "plant": {
+                "rate": rate,
+                **self._lock,
+                **({"seed": self.seed} if self.seed else {}),
+                "wait_for_readers": 2 if self.bag is None else 3,
+            },
         }
 
     def _expected(self, values: NodeValues) -> float:

@@ -148,7 +148,7 @@ def leave_out(what: str, why: UserError) -> None:
 
 
 def missing(name: str) -> str:
-    """Why a command, node or structure of an extension of ours is not there; empty where that is not the reason."""
+    """Why a command, node, structure or option of an extension of ours is not there; empty where that is not why."""
     from hybrid_sysid_ros.support.trunk import NEIGHBOURS
 
     for owner, names in NEIGHBOURS.items():

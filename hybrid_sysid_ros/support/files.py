@@ -96,17 +96,20 @@ def take_place(partial: Path, target: Path, *, old: Path) -> bool:
     return had_old
 
 
-def check_file(path: Path | str, *, suffix: str = "") -> None:
+def check_file(path: Path | str, *, suffix: str = "", replace: bool = True) -> None:
     """Whether written_file() could write there, to be asked before long work.
 
-    suffix: that the name must end in, so that no file of another kind is taken for an old one.
+    suffix: that the name must end in, so that no file of another kind is taken for an old one. replace: whether a file
+    that is there may be replaced.
 
-    Raises UserError where the place cannot be written, `path` is a folder, or has another suffix.
+    Raises UserError where the place cannot be written, `path` is a folder, has another suffix, or may not be replaced.
     """
     target = Path(os.path.realpath(path))
     if not target.name.endswith(suffix):
         raise UserError(f"{path}: does not end in {suffix}: choose a name that does")
     _check_no_folder(Path(path), target)
+    if not replace and target.exists():
+        raise _taken(path)
     _check_writable(target)
 
 
@@ -173,7 +176,11 @@ def _check_replaceable(path: Path, target: Path, *, marker: str | tuple[str, ...
     if not any(os.path.isfile(target / name) for name in markers):
         raise UserError(f"{path}: holds other files (no {markers[0]}), so it is not replaced: choose another name")
     if not replace:
-        raise UserError(f"{path}: exists already: choose another name, or replace it (overwrite=True, --overwrite)")
+        raise _taken(path)
+
+
+def _taken(path: Path | str) -> UserError:
+    return UserError(f"{path}: exists already: choose another name, or replace it (overwrite=True, --overwrite)")
 
 
 def _check_writable(target: Path) -> None:

@@ -11,15 +11,18 @@ SECTIONS = (
 )  # fmt: skip
 
 NEIGHBOURS = {
-    "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander"), "ensemble": ("ensemble",),
-    "export": ("model export", "policy export"), "friction_atlas": ("friction",), "fuzzy": ("takagi_sugeno", "difnn"),
-    "importing": ("import",),
+    "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
+    "ensemble": ("ensemble",), "export": ("model export", "policy export"), "friction_atlas": ("friction",),
+    "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import",),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
     "recurrent": ("recurrent",), "search": ("search",), "trim": ("trim",),
-    "view": ("view", "rig layouts"), "vision": ("film", "video", "camera", "vision"),
+    "view": ("view", "rig layouts", "--view", "--port"),
+    "vision": ("film", "video", "camera", "vision", "--camera", "--layers", "--picture"),
 }  # fmt: skip
-"""Commands, nodes and structures of the extensions that come with this package, for errors that name a missing one."""
+"""Commands, nodes, structures, and options of run and demo, of the extensions that come with this package, for errors
+that name a missing one.
+"""
 
 TRUNK = Extension(
     name="hybrid_sysid_ros",

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.demo import OUT, Out, Train, demo
+from hybrid_sysid_ros.commands.terminal import Overwrite
 from hybrid_sysid_ros.runtime.demo_recipe import RecordSplit
 from studies.beam_lecture.lecture import RIG, arrange, read_folder, table_name
 
@@ -16,6 +17,7 @@ def command(
     folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files, or with the folder bab.")],
     out: Out = None,
     train: Train = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """The demo on the author's records: protocol 2, then the loop."""
     protocol = arrange(read_folder(folder), 2)
@@ -23,4 +25,4 @@ def command(
     records = RecordSplit(
         training=protocol.training, part=protocol.part, tests=protocol.tests, names=names, source="real"
     )
-    demo(out or OUT, records, rig=RIG, train=train)
+    demo(out or OUT, records, rig=RIG, train=train, overwrite=overwrite)

@@ -1,5 +1,6 @@
 """hybrid-sysid rig check: a rig that makes no sense is told in a line for each problem."""
 
+import json
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
@@ -176,6 +177,9 @@ def test_a_new_rig_passes_its_check_and_its_files_are_short(tmp_path, command):
     assert len((folder / "system.py").read_text().splitlines()) < 60
     assert len((folder / "rig.yaml").read_text().splitlines()) < 60
     status, _, error = command("rig", "check", str(folder))
+    found = json.loads(command("rig", "check", str(folder), "--json")[1])
+    assert (found["rig"], found["problems"]) == (folder.name, [])
+    assert len(found["step_responses"]["time [s]"]) > 1
     assert (status, error) == (0, "")
     refused(command("rig", "new", str(folder)), folder, "not empty")
     refused(command("rig", "new", str(tmp_path / "cam_beam")), "called cam_beam already")
@@ -202,7 +206,7 @@ def test_problems_are_lines_and_the_status_is_2(tmp_path, command, old, new, key
 
 def test_the_rig_that_is_meant_where_none_is_named_stands_in_the_help(command):
     status, shown, _ = command("simulate", "--help")
-    assert (status, f"[default: ({default()})]" in " ".join(shown.split())) == (0, True)
+    assert (status, f"[default: {default()}]" in " ".join(shown.split())) == (0, True)
 
 
 @pytest.mark.parametrize("name", ["cam_beam", "flexible_joint"])

@@ -15,7 +15,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import ClusterAddress, RigPlace, Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import ClusterAddress, Json, RigPlace, Seed, console, print_table, status
 from hybrid_sysid_ros.extensions.accuracy.mockup import Found, Setup, mockup
 from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, batches
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
@@ -53,6 +53,7 @@ def command(
     seed: Seed = 0,
     jobs: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
     cluster: ClusterAddress = "",
+    as_json: Json = False,
 ) -> None:
     """Go through a rig's performance digital mock-up: simulate what is known beforehand, drive experiments, identify a
     gray box and the rig's structure, fire shots of the model and of the rig and compare them, close the loop on
@@ -77,7 +78,7 @@ def command(
             fleet.fire,
             {"live": live, "simulated": simulated, "plants": plants},
             discrepancy,
-            console.print,
+            status.print,
         )
     except KeyboardInterrupt:
         raise Interrupted(f"what is done is in {place}; the same command goes on from there") from None
@@ -86,6 +87,9 @@ def command(
         partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     source = report.provenance(found.models[setup.plan.structure], shlex.join(["hybrid-sysid", *sys.argv[1:]]))
     write_mockup(place / "verdict.html", found, source)
+    if as_json:
+        console.print(json.dumps(content, indent=2))
+        return
     print_table(_table(found))
     console.print(f"report: {place / 'verdict.html'}   numbers: {place / 'verdict.json'}")
 

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.support.files import check_file
 
 def command(
     name: Annotated[
-        str, typer.Argument(metavar="[LAW]", help="Name of a friction law; without it the laws are listed.")
+        str, typer.Argument(metavar="LAW", help="Name of a friction law; without it the laws are listed.")
     ] = "",
     out: Annotated[Path, typer.Option("--out", help="Folder for the picture, LAW.svg.")] = Path(),
     settings: Annotated[

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.extensions.graph.asking import Domain, LoopRig, NodeName, 
 def command(
     node: NodeName,
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[PARAMETER]", help="Names of parameters; all by default.")
+        list[str] | None, typer.Argument(metavar="PARAMETER", help="Names of parameters; all by default.")
     ] = None,
     rig: LoopRig = "",
     timeout: Timeout = 5.0,

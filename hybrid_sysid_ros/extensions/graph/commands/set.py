@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.commands.terminal import Json, console
 from hybrid_sysid_ros.extensions.graph.asking import SLOW, Domain, LoopRig, NodeName, Timeout, ask
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -20,6 +20,7 @@ def command(
     rig: LoopRig = "",
     timeout: Timeout = SLOW,
     domain: Domain = None,
+    as_json: Json = False,
 ) -> None:
     """Set parameters of a running node; a value that it refuses changes nothing."""
     given = {}
@@ -29,5 +30,8 @@ def command(
             raise UserError(f"{text!r}: write NAME=VALUE, such as 'rate_weight=[20.0]'")
         given[name] = value
     answer = ask("set", node=node, values=given, namespace=rig, timeout=timeout, domain=domain)
+    if as_json:
+        console.print(json.dumps(answer["values"], indent=2))
+        return
     for name, value in answer["values"].items():
         console.print(f"{answer['node']}: {name} = {json.dumps(value)}")

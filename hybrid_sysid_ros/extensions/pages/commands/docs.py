@@ -32,7 +32,7 @@ def pages() -> dict[str, Path]:
 
 def command(
     page: Annotated[
-        str, typer.Argument(metavar="[PAGE]", help="Name of the page; without it all are listed.", autocompletion=pages)
+        str, typer.Argument(metavar="PAGE", help="Name of the page; without it all are listed.", autocompletion=pages)
     ] = "",
 ) -> None:
     """Read a page of the documentation in the terminal, or list the pages with the files that hold them."""

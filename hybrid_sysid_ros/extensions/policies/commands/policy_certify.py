@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -12,6 +14,7 @@ from rich.table import Table
 from hybrid_sysid_ros.commands.terminal import (
     ClusterAddress,
     DriverChoice,
+    Json,
     OwnRig,
     Seed,
     WorkerCount,
@@ -60,6 +63,7 @@ def command(
     ] = None,
     driver: Annotated[DriverChoice, typer.Option(help="What drives the loop of --again.")] = "network",
     rig: OwnRig = "",
+    as_json: Json = False,
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 
@@ -67,6 +71,8 @@ def command(
     """
     trial = trial_of(policy, model, seed=seed, seconds=seconds)
     if again is not None:
+        if as_json:
+            raise UserError("--again prints a table of one loop: leave --json out")
         print_table(loop_table(trial, again, driver))
         return
     store = beside(policy, ".certificate.part")
@@ -99,6 +105,9 @@ def command(
     except KeyboardInterrupt:
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
     certificate.save(policy)
+    if as_json:
+        console.print(json.dumps(content(certificate), indent=2))
+        return
     for table in tables(certificate):
         print_table(table)
     console.print(summary(certificate))
@@ -114,6 +123,11 @@ def _before(policy: Path, trial: Trial) -> Certificate | None:
         return find_certificate(policy, policy=trial.seal, model=trial.policy.model)
     except UserError:
         return None
+
+
+def content(certificate: Certificate) -> dict[str, Any]:
+    """The certificate as plain data, with what follows of its counts."""
+    return {**asdict(certificate), "failed": certificate.failed, "bounds": certificate.bounds}
 
 
 def tables(certificate: Certificate) -> list[Table]:

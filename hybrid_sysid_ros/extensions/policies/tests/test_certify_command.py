@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from functools import partial
 from pathlib import Path
 
@@ -76,6 +77,8 @@ def test_a_policy_is_certified_and_a_worst_case_shown(command, broken_folder, li
     worst = certificate.worst[0]
     assert worst["seed"] == 3
     assert f"{worst['input_error']:.3f}" in out
+    found = json.loads(command(*given, "--loops", "12", "--workers", "1", "--json")[1])
+    assert (found["bounds"], found["worst"][0]) == (certificate.bounds, worst)
     status, _, error = command(*given, "--loops", "11")
     assert status == 2
     assert "12 loops" in error

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -56,6 +57,7 @@ def command(
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
     overwrite: terminal.Overwrite = False,
+    as_json: terminal.Json = False,
 ) -> None:
     """Search the options of a structure for the best free run over data held out (needs the extra [search]).
 
@@ -83,12 +85,19 @@ def command(
             raise typer.Exit(130) from None
         except UserError as error:
             raise UserError(f"{error}; {len(kept.finished)} of {trials} trials are in {study}") from error
-        show(kept, objective, f"study {name or structure} in {study}")
+        title = f"study {name or structure} in {study}"
+        check_ranking(kept, title)
+        if as_json:
+            console.print(json.dumps(content(kept), indent=2))
+        else:
+            show(kept, objective, title)
         best = kept.ranking[0]
     if out is not None:
         with status.status("fitting"):
             objective.fit(best.options).save(out)
-        console.print(f"{out}: {structure} with the options of trial {best.number}, from {len(bag)} records")
+        (status if as_json else console).print(
+            f"{out}: {structure} with the options of trial {best.number}, from {len(bag)} records"
+        )
 
 
 def workers(objective: Objective, cluster: str, jobs: int) -> Workers[tuple[int, Options], TrialResult]:
@@ -118,14 +127,29 @@ def run(study: Study, found: Workers[tuple[int, Options], TrialResult], trials: 
         search(study, found, trials=trials, timeout=timeout, report=report)
 
 
-def show(study: Study, objective: Objective, title: str) -> None:
-    """Print the best trials, the one at the defaults, and which options matter. Raises UserError where none is good."""
-    ranking, finished = study.ranking, study.finished
+def check_ranking(study: Study, title: str) -> None:
+    """Raise UserError where no trial is good."""
+    finished = study.finished
     if not finished:
         raise UserError(f"{title}: no trial is finished; give a longer --timeout")
-    if not ranking:
+    if not study.ranking:
         last = finished[-1].outcome.error or "its free runs diverged"
         raise UserError(f"{title}: none of its {len(finished)} trials gave a model; the last one: {last}")
+
+
+def content(study: Study) -> dict[str, Any]:
+    """The trials, the best first, and which options matter, as plain data."""
+    trials = [
+        {"trial": trial.number, "r2": trial.outcome.score, "seconds": trial.outcome.seconds, "options": trial.options}
+        for trial in study.ranking
+    ]
+    failed = {trial.number: trial.outcome.error for trial in study.finished if trial.outcome.error}
+    return {"trials": trials, "failed": failed, "importance": study.importance()}
+
+
+def show(study: Study, objective: Objective, title: str) -> None:
+    """Print the best trials, the one at the defaults, and which options matter."""
+    ranking, finished = study.ranking, study.finished
     shown = ranking[:SHOWN] + [trial for trial in ranking[SHOWN:] if trial.number == 0]
     names = [f"{trial.number}, defaults" if trial.number == 0 else str(trial.number) for trial in shown]
     table = Table("trial", *names, title=title)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -52,6 +53,9 @@ def test_the_command_searches_and_fits_the_best(command, tmp_path: Path) -> None
     assert [record["part"] for record in model.records] == [[0.0, 0.2]] * 2
     best = " ".join(f"{name}={value:.6g}" for name, value in model.fit["options"].items() if name != "starts")
     assert f"3 trials; best: {best}" in " ".join(out.split())
+    found = json.loads(command(*arguments, "--part", "0:0.2", "--trials", 3, "--json")[1])
+    assert [trial["r2"] for trial in found["trials"]] == sorted((t["r2"] for t in found["trials"]), reverse=True)
+    assert len(found["trials"]) + len(found["failed"]) == 3
     with pytest.raises(UserError, match=r"begun with part 0:0\.2, not 0:1"):
         command(*arguments)
 

@@ -7,16 +7,17 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import RigPlace, console
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigPlace, console
 from hybrid_sysid_ros.extensions.view import layouts
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
 from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.support.files import written_file
+from hybrid_sysid_ros.support.files import check_file, written_file
 
 
 def command(
     rig: RigPlace,
-    folder: Annotated[Path, typer.Argument(help="Folder of the files; files of the same names are replaced.")] = Path(),
+    folder: Annotated[Path, typer.Argument(help="Folder of the files.")] = Path(),
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a rig's URDF, and layouts for Foxglove (or Lichtblick) and PlotJuggler."""
     described = load(rig)
@@ -25,6 +26,8 @@ def command(
         f"{described.name}.foxglove.json": layouts.foxglove(described),
         f"{described.name}.plotjuggler.xml": layouts.plotjuggler(described),
     }
+    for name in contents:
+        check_file(folder / name, replace=overwrite)
     for name, content in contents.items():
         with written_file(folder / name) as file:
             file.write_text(content, encoding="utf-8")

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands.demo import OUT, run_loop, tracked, write_text
-from hybrid_sysid_ros.commands.terminal import console, print_lines, print_table, status
+from hybrid_sysid_ros.commands.terminal import print_lines, print_table, status
 from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.extensions.vision.camera.film import CRF
 from hybrid_sysid_ros.extensions.vision.camera.filming import filmed
@@ -56,7 +56,10 @@ def instead(
     rig: str = "",
     out: Path | None = None,
     train: bool = False,
-) -> Callable[[], None] | None:
+    seed: int = 0,
+    overwrite: bool = False,
+    as_json: bool = False,
+) -> Callable[[], dict[str, Any]] | None:
     """This demo instead of the usual one, where it is asked for."""
     if not camera:
         return None
@@ -65,19 +68,26 @@ def instead(
     described = load_rig(rig or default())
     name = "demo_camera" if described.name == default() else f"demo_camera_{described.name}"
 
-    def run() -> None:
-        camera_demo(out or OUT.with_name(name), described.source)
+    def run() -> dict[str, Any]:
+        place = out or OUT.with_name(name)
+        return camera_demo(place, described.source, seed=seed, overwrite=overwrite, quiet=as_json)
 
     return run
 
 
-def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
+def camera_demo(
+    out: Path, rig: str = "", *, seed: int = 0, overwrite: bool = False, quiet: bool = False
+) -> dict[str, Any]:
     """Film a rig, learn to read its picture, close the loop by that, and report.
 
     Leaves report.html, summary.json, the film, the layers, the bag with the positions and the bag of the loop in
     ``out``. rig: name or path, by default the one that is meant where none is named.
 
-    Raises UserError where the rig has no picture of its first output, for missing extras, and where a node fails.
+    seed: of the sensors' noise. overwrite: whether the results of another demo are replaced. quiet: whether none are
+    printed.
+
+    Raises UserError where the rig has no picture of its first output, for missing extras, for results that may not be
+    replaced, and where a node fails.
     """
     described = load_rig(rig or default())
     scene, plan = scene_of(described), DemoRecipe.of(described)
@@ -87,19 +97,19 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
     make_folder(out)
     film, recorded, seen, layers_folder = out / "film.mp4", out / "recorded", out / "seen", out / KIND
     for file in (film, out / "report.html", out / "summary.json"):
-        check_file(file)
+        check_file(file, replace=overwrite)
     for folder in (recorded, seen, out / "loop"):
-        check_folder(folder, marker=bags.markers(folder))
-    check_folder(layers_folder, marker=f"{KIND}.yaml")
+        check_folder(folder, marker=bags.markers(folder), replace=overwrite)
+    check_folder(layers_folder, marker=f"{KIND}.yaml", replace=overwrite)
     model_folder = configuration.shipped(described.name, "model")
     model = load_model(model_folder)
     kind = next(iter(described.experiments.excitations))
-    console.print(f"1 filming {described.name}, {kind}, {SECONDS:g} s")
+    status.print(f"1 filming {described.name}, {kind}, {SECONDS:g} s")
     filmed(
-        described, kind, recorded, film, CAMERA, seed=0, duration=SECONDS, rate=1.0 / model.sampling.step, crf=CRF,
+        described, kind, recorded, film, CAMERA, seed=seed, duration=SECONDS, rate=1.0 / model.sampling.step, crf=CRF,
         overwrite=True,
     )  # fmt: skip
-    console.print("2 learning the layers of the picture, and reading positions by them")
+    status.print("2 learning the layers of the picture, and reading positions by them")
     with status.status("looking at the film") as spinner:
         layers, _ = learn(picked(film), described, readout=CAMERA.readout, progress=spinner.update)
         footage = followed(film, AngleReader(layers), scene.lamp)
@@ -108,16 +118,23 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
         layers.save(layers_folder)
         made_by = "hybrid-sysid demo --camera"
         video_record.write(record, described, scene.joint, recorded, seen, replace=True, made_by=made_by)
-    print_table(table_of(record))
-    console.print("3 running the loop as ROS 2 processes, its sensor out: a camera takes its place")
+    if not quiet:
+        print_table(table_of(record))
+    status.print("3 running the loop as ROS 2 processes, its sensor out: a camera takes its place")
     bag, diagnostics = run_loop(
-        out / "loop", described, plan.reference, model=model_folder, companions=[Vision(layers=layers_folder)]
+        out / "loop",
+        described,
+        plan.reference,
+        model=model_folder,
+        companions=[Vision(layers=layers_folder)],
+        seed=seed,
     )
     loop = report.closed_loop_section(LoopRecord.from_bag(bag, described), described)
     run = report.RunSummary.of(diagnostics, described, bag=bag, section=loop)
-    console.print("4 predicting the pictures of the film")
+    status.print("4 predicting the pictures of the film")
     ahead = image_prediction.of_video(film, model, described, recorded, record, layers, exposure=CAMERA.exposure)
-    print_table(ahead_table(ahead))
+    if not quiet:
+        print_table(ahead_table(ahead))
     summary = {
         "camera": _seen(record),
         "closed_loop": tracked(loop, plan) | {"of": "the true position", "sensor": "camera"},
@@ -131,8 +148,9 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
     sources = {f"film, {film.name}": sha256(film), f"bag, {recorded.name}": sha256(recorded)}
     provenance = report.provenance(model, called, hashes=sources)
     write_video(out / "report.html", record, layers, f"{described.name} by camera", provenance, ahead=ahead, loop=loop)
-    print_table(_table(summary))
-    print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})
+    if not quiet:
+        print_table(_table(summary))
+        print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})
     return summary
 
 
