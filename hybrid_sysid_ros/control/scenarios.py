@@ -278,16 +278,15 @@ def beginnings(
     """Initial states (T, n) in the periods that begin, 0 in the others: pushed by ``size`` from the steady motion at an
     output, a share ``apart`` of them anywhere, the others at the references ``wanted`` (T, p).
 
-    The push moves along steady motions what the tracked outputs show of it, so these are as drawn.
+    Of the push is left what the tracked outputs don't show, so that these are as drawn.
     """
     periods, n = len(wanted), len(spread.push)
     anywhere = np.array(spread.centre) + random.uniform(-1.0, 1.0, wanted.shape) * np.array(spread.amplitude)
     at_reference = random.uniform(size=(periods, 1)) >= apart
     outputs, states = np.where(at_reference, wanted, anywhere), np.zeros((periods, n))
-    pushes = size * random.normal(size=(periods, n)) * np.array(spread.push)
-    tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
-    shown = steady_motion(system, problem, np.array(spread.centre)).output_map
+    sizes, push = size * random.normal(size=(periods, n)), np.array(spread.push)
+    shown = steady_motion(system, problem, np.array(spread.centre)).output_map * push
+    hidden = np.eye(n) - np.linalg.pinv(shown) @ shown
     for k in np.flatnonzero(begins):
-        outputs[k, tracked] -= shown @ pushes[k]
-        states[k] = steady_motion(system, problem, outputs[k]).state + pushes[k]
+        states[k] = steady_motion(system, problem, outputs[k]).state + push * (hidden @ sizes[k])
     return states

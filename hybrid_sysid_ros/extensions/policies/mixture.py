@@ -21,7 +21,7 @@ STRATA = (*KINDS, APART, DISTURBED)
 """Each has the same part of the loops. In those that are named by a kind of reference, a loop begins on it; in the last
 two the reference is of any kind."""
 
-BEGINNINGS = "pushed from the steady motion at an output"
+BEGINNINGS = "pushed from the steady motion at an output, which stays as it is"
 """Where loops begin, as a certificate states it."""
 
 OFTEN = 5.0

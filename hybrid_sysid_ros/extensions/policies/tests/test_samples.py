@@ -109,6 +109,25 @@ def test_a_loop_of_a_rig_with_dry_friction_begins_as_it_turns():
     np.testing.assert_allclose(-named["stiffness"] * twist, level + named["bit_damping"] * bit, rtol=0.01)
 
 
+def test_a_push_moves_what_the_tracked_outputs_don_t_show():
+    """No level flight has a path angle, so a loop that is to begin on its references is not pushed along one: that
+    would take an angle of attack of 17 degrees, where the vehicle's equations end at 6.
+    """
+    rig = rigs.load("winged_cone")
+    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig).sized(rig.system)
+    spread, validity = configuration.spread_of(rig, rig.system).sized(rig.system), rig.validity
+    assert validity is not None
+    wanted = np.zeros((40, 5))
+    wanted[:, 0], wanted[:, 2] = np.linspace(-40.0, 40.0, 40), np.linspace(700.0, -700.0, 40)
+    states = scenarios.beginnings(
+        np.random.default_rng(0), rig.system, problem, spread, wanted, np.full(40, True), apart=0.0
+    )
+    np.testing.assert_allclose(states[:, [0, 2]], wanted[:, [0, 2]], atol=1e-6)
+    np.testing.assert_allclose(states[:, 1], 0.0, atol=1e-6)
+    assert np.all((validity[0] <= states) & (states <= validity[1]))
+    assert np.all(np.std(states[:, 3:5], axis=0) > 0.5 * np.array(spread.push)[3:5])
+
+
 def test_a_steady_motion_is_rest_where_outputs_are_positions_and_drift_where_one_is_a_speed(flexible_joint):
     """A joint that is to turn at a speed turns on: both sides at that speed, its spring as far as drag stretches."""
 
