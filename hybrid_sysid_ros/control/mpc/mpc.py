@@ -132,14 +132,15 @@ class ExactMpc:
         return self._planned(status)
 
     def step(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Array | None:
-        """The first inputs (m,) after one step from the plan that was adopted, linearised there; None where the program
-        has no solution. That step is the last plan then.
+        """The first inputs (m,) after one step from the last plan, linearised there unless :meth:`prepare` has; None
+        where the program has no solution. That step is the last plan then.
         """
         mpc = self._shooting
+        if not self._prepared:
+            prepare_program(mpc.prediction, mpc.horizon, mpc.program)
+            if not factorise(mpc.program):
+                return None
         self._prepared = False
-        prepare_program(mpc.prediction, mpc.horizon, mpc.program)
-        if not factorise(mpc.program):
-            return None
         self._instance.assign(state, disturbance, previous_input, preview)
         parts = mpc.prediction, mpc.horizon, mpc.program, self._instance
         found = solve_call(*parts, 1, self._tolerance, False, True, True)

@@ -16,7 +16,7 @@ import numpy as np
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
-from hybrid_sysid_ros.control.mpc.shooting import follow, rollout
+from hybrid_sysid_ros.control.mpc.shooting import follow
 from hybrid_sysid_ros.control.policy.kernels import Packed, inside, network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -53,8 +53,8 @@ class Tolerances(NamedTuple):
     patience: int
     """Instances in a row that the network must answer well after a rejection, before it drives again."""
     step: Numbers = (math.inf,)
-    """(m,), by how much one step of the exact MPC from the plan may change its first inputs, or one for all [their
-    unit]; where it is infinite, no step is made."""
+    """(m,), by how much the first inputs of the last plan, of one step of the exact MPC from it, and of the network may
+    differ, or one for all [their unit]; where it is infinite, no step is made."""
 
 
 @kernel
@@ -132,9 +132,13 @@ class Supervisor:
     """Layers: the network -> the exact MPC with its time limit -> the rest of the last plan -> the last inputs.
 
     Changes of layer are bumpless: every layer gets the inputs that were really applied, the exact MPC begins with the
-    last applied plan of any layer, and the rest of that plan is used where it is late. After a rejection the network
-    drives again after several good answers in a row, so that layers don't chatter. The first plan is the exact MPC's,
-    since a check against a bad plan is meaningless. The warm start has the same source as the check.
+    last plan, and the rest of that plan is used where it is late. After a rejection the network drives again after
+    several good answers in a row, so that layers don't chatter. The first plan is the exact MPC's, since a check
+    against a bad plan is meaningless. The warm start has the same source as the check.
+
+    The last plan is the one that was applied, or where steps are made, what a step of the exact MPC makes of the last
+    plan while the network drives. The problem may have several local solutions: so the exact MPC takes over with the
+    one that it has followed, not with the one that the network happens to be near.
 
     layers, reasons: how often each layer answered, and each result of the check, since the start.
     """
@@ -157,6 +161,7 @@ class Supervisor:
         self._limits = most, float(tolerances.cost), float(tolerances.floor), float(tolerances.violation)
         self._patience = tolerances.patience
         self._step = np.array(tolerances.step, dtype=float)
+        self._steps = bool(np.isfinite(self._step).any())
         self._flat, self._instance = new_instance(mpc.system, policy.problem)
         self._inputs = np.zeros((policy.horizon, policy.inputs))
         self._states = np.zeros((policy.horizon + 1, policy.states))
@@ -183,10 +188,13 @@ class Supervisor:
         if reason == ACCEPTED:
             self._age = 0.0
             inputs, states = self._inputs.copy(), self._states
-            self.mpc.adopt(disturbance, inputs, states)
+            if not self._steps:
+                self.mpc.adopt(disturbance, inputs, states)
             plan = MpcSolution(input=inputs[0], inputs=inputs, states=states[1:].copy(), status=Status.POLICY)
         else:
             plan = self._fallback(state, disturbance, previous_input, preview)
+            if self._waiting > 0 and reason == WAITING:
+                self._waiting = self._waiting - 1 if self._near(plan.input, self._inputs[0]) else self._patience
         self.layers[LAYERS[plan.status]] += 1
         self.reasons[REASONS[reason]] += 1
         return plan
@@ -207,33 +215,31 @@ class Supervisor:
             self._states,
         )
         reason = int(check(self.policy.packed, *parts))
-        if reason == ACCEPTED and np.isfinite(self._step).any():
+        if reason == ACCEPTED and self._steps and self._waiting == 0:
             reason = self._stepped(state, disturbance, previous_input, preview)
         if reason != ACCEPTED:
             self._waiting = self._patience
         elif self._waiting > 0:
-            self._waiting -= 1
             return WAITING
         return reason
 
     def _stepped(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
-        """IMPROVED where a step of the exact MPC from the plan changes its first inputs by more than the tolerance, so
-        that the plan is not near a solution, however it compares with the last plan.
+        """IMPROVED unless the last plan, one step of the exact MPC from it, and the network agree in first inputs.
 
-        The exact MPC then begins with the cheaper one of the step and the rest of the last plan.
+        Where they do, the step is the last plan from now on; it is near the solution that the exact MPC has followed,
+        and so is the network. Elsewhere the exact MPC begins with the last plan as it was.
         """
-        mpc, horizon = self.mpc, self.mpc.shooting.horizon
-        left = horizon.inputs.copy(), horizon.states.copy()
-        mpc.adopt(disturbance, self._inputs, self._states)
-        first = mpc.step(state, disturbance, previous_input, preview)
-        near = first is not None and bool(np.all(np.abs(first - self._inputs[0]) <= self._step))
-        if not near or self._waiting > 0:
-            parts = mpc.shooting.prediction, horizon.weights, self._instance
-            scratch = np.empty_like(horizon.states)
-            costs = [rollout(*parts, inputs, scratch)[0] for inputs in (horizon.inputs.copy(), left[0])]
-            if not costs[0] <= costs[1]:
-                mpc.adopt(disturbance, *left)
-        return ACCEPTED if near else IMPROVED
+        horizon = self.mpc.shooting.horizon
+        inputs, states, under = horizon.inputs.copy(), horizon.states.copy(), horizon.disturbance.copy()
+        first = self.mpc.step(state, disturbance, previous_input, preview)
+        if first is not None and self._near(first, inputs[0]) and self._near(first, self._inputs[0]):
+            return ACCEPTED
+        self.mpc.adopt(under, inputs, states)
+        return IMPROVED
+
+    def _near(self, one: Array, other: Array) -> bool:
+        """Whether inputs (m,) differ by no more than the tolerance of a step."""
+        return bool(np.all(np.abs(one - other) <= self._step))
 
     def _fallback(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """The exact MPC's plan, or the rest of the last one, or the last applied inputs."""
