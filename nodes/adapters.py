@@ -15,11 +15,7 @@ import numpy as np
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.control.safety.guard import Guard
-from hybrid_sysid_ros.core.rollout import output_of
-from hybrid_sysid_ros.estimation import METHODS, StateEstimate
-from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
-from hybrid_sysid_ros.estimation.sensor_monitor import FrozenSensorDetector, SensorMonitor, spare_sensors
-from hybrid_sysid_ros.estimation.suspicion import LONGEST
+from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.nodes.base import ModelSource
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
@@ -29,11 +25,11 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import (
     CAMERA,
     estimator_model,
-    estimator_tuning,
     guard_settings,
     shipped,
 )
 from hybrid_sysid_ros.runtime.controllers import controller_of, policy_folder
+from hybrid_sysid_ros.runtime.estimators import estimator_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -41,12 +37,6 @@ SLACK = 0.05  # of its range, by which an input may be beyond its limits to be a
 WINDOW = 10.0  # s of innovations whose mean square is reported
 Measured = tuple[float, list[float]]
 """Time [s], and the measured outputs and applied inputs."""
-DIVERGED = 1.5
-"""Evidence of an estimated input disturbance that is at its limit."""
-ASTRAY = 0.3
-"""Time [s] of evidence against an estimate after which it is initialised again from the next measurement, since it has
-diverged and would converge slowly."""
-GAP = 3.5  # periods without a measurement, after which innovations say nothing against the sensors for a while
 OF_PROBLEM = {
     *("output_weight", "rate_weight", "input_weight", "input_rate", "limits", "input_low", "input_high"),
     *("state_low", "state_high", "soft_linear", "soft_quadratic"),
@@ -73,7 +63,7 @@ class EstimatorAdapter:
 
     def __init__(self, rig: Rig, model: Model, settings: Mapping[str, Any], signature: str) -> None:
         """Compile. Raises UserError where parameters and model don't fit each other."""
-        self.system = system = model.system
+        system = model.system
         layout = SignalLayout(rig, system)
         limits = [(item.low, item.high, SLACK * (item.high - item.low)) for item in rig.actuators]
         bounds = [(low - slack, high + slack) for low, high, slack in limits]
@@ -81,19 +71,10 @@ class EstimatorAdapter:
         self.camera = Slots([layout.outputs[0].ending(f"_{CAMERA}")])
         self.given = np.zeros(len(self.measured))
         self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
-        self.shown = np.zeros(len(layout.outputs))
-        """The measured outputs, (p,); in ``outputs`` those of sensors that are left out are NaN."""
-        self.tuning = estimator_tuning(settings, rig, system)
-        self._limits = 0.999 * np.array(self.tuning.checked(system).disturbance_limit)
-        self._limits[~(self._limits > 0.0) | (not settings["doubt_disturbance"])] = math.inf
-        self._spare = spare_sensors(system, self.tuning, step=system.sampling_time or LONGEST_STEP)
-        shown = {channel.of for channel in self.tuning.channels.values()}
-        self._covered = [item.name in shown for item in system.outputs]
-        self._deviations = np.hypot(self.tuning.measurement_noise, self.tuning.hum_amplitude).tolist()
-        self._white = [abs(sensor.scale) * sensor.white_noise * sensor.noisy for sensor in rig.sensors]
+        self.estimator = estimator_of(rig, system, settings)
         self._further = layout.further
-        self._settings = settings
-        self._writer = JointWriter(Slots(layout.estimate(tuple(self.tuning.followed))), signature)
+        self._kept = round(WINDOW * settings["rate"])
+        self._writer = JointWriter(Slots(layout.estimate(tuple(self.estimator.tuning.followed))), signature)
         self.begin()
         for k in range(1, 4):  # compiles, and has seen it all once before it matters
             self.pack(self.update((k - 1) / settings["rate"]), round(k * SECOND), blind=False)
@@ -101,23 +82,9 @@ class EstimatorAdapter:
 
     def begin(self) -> None:
         """Forget all estimates and counts."""
-        settings = self._settings
-        kind, period = METHODS[settings["method"]], 1.0 / settings["rate"]
-        self.filter = kind(self.system, self.tuning, period=period, latency=settings["latency"])
-        self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
+        self.estimator.begin()
+        self.innovations: deque[float] = deque(maxlen=self._kept)
         self.parameters: Mapping[str, float] = {}
-        self.monitor = SensorMonitor(
-            self._spare,
-            self._deviations,
-            largest=settings["innovation_limit"],
-            least=settings["innovation_least"],
-            leave_after=settings["leave_out_after"],
-            timeout=settings["sensor_timeout"],
-            covered=self._covered,
-        )
-        after = round(settings["frozen_after"] * settings["rate"])
-        self.frozen = [FrozenSensorDetector(noise, after=after) for noise in self._white]
-        self._last, self._doubted, self.diverged, self._unjudged = math.nan, 0.0, False, 0
 
     def see(self, measured: Sequence[Measured]) -> None:
         """Use measurements that another adapter has answered, to continue from its state."""
@@ -128,48 +95,15 @@ class EstimatorAdapter:
 
     def update(self, time: float) -> StateEstimate:
         """Estimate with ``given`` at a time [s]. Raises UserError where there is no reading yet."""
-        for k, detector in enumerate(self.frozen):
-            if detector.is_frozen(float(self.outputs[k])):
-                self.outputs[k] = math.nan
-        self.shown[:] = self.outputs
-        self.monitor.screen(self.outputs)
-        estimate = self.filter.update(time, self.outputs, self.applied)
-        elapsed, self._last = time - self._last, time
-        if elapsed > GAP / self._settings["rate"]:  # it is unknown which inputs acted in between
-            self._unjudged = self.tuning.patience + 1
-        if elapsed > 0.0 and not self._unjudged:
-            self._judge(estimate, min(elapsed, LONGEST))
-        self._unjudged = max(self._unjudged - 1, 0)
-        return estimate
-
-    def _judge(self, estimate: StateEstimate, elapsed: float) -> None:
-        """Judge the evidence against an estimate; initialise it again where the evidence lasts too long."""
-        expected = self._expected(estimate) if any(self.monitor.left_out) else None
-        self.monitor.judge(self.shown, estimate.normalised, expected, elapsed)
-        self.diverged = bool((np.abs(estimate.disturbance) >= self._limits).any())
-        astray = self.monitor.is_contradicted or self.diverged
-        self._doubted = self._doubted + elapsed if astray else 0.0
-        if self._doubted > ASTRAY:
-            self._doubted = 0.0
-            self.filter.reset()
-            self.monitor.renew()
-
-    def _expected(self, estimate: StateEstimate) -> Array:
-        """Expected readings of the sensors, (p,)."""
-        return output_of(self.system, estimate.state, self.applied + estimate.disturbance)
-
-    @property
-    def doubt(self) -> float:
-        """The strongest evidence against the estimate, as a multiple of its threshold."""
-        return max(self.monitor.doubt, DIVERGED if self.diverged else 0.0)
+        return self.estimator.update(time, self.outputs, self.applied)
 
     def pack(self, estimate: StateEstimate, stamp: int, *, blind: bool) -> bytes:
         """The message of an estimate with its stamp [ns]; blind: it is a guess that must not be used for control."""
         state, ahead, disturbance = estimate.state.tolist(), estimate.ahead.tolist(), estimate.disturbance.tolist()
         further: list[float] = []
         if self._further:
-            further = self._expected(estimate)[self._further].tolist()
-        validity = [*self.applied.tolist(), self.doubt, float(self.monitor.without)]
+            further = self.estimator.expected(estimate, self.applied)[self._further].tolist()
+        validity = [*self.applied.tolist(), self.estimator.doubt, float(self.estimator.monitor.without)]
         parameters = estimate.parameters.tolist()
         numbers = [*state, *further, *disturbance, *ahead, *disturbance, *validity, *parameters]
         return self._writer.pack(stamp, [math.nan] * len(numbers) if blind else numbers)
@@ -178,7 +112,7 @@ class EstimatorAdapter:
         """Keep innovation and parameters of an estimate, for the diagnostics."""
         if math.isfinite(estimate.normalised_innovation):
             self.innovations.append(estimate.normalised_innovation)
-        self.parameters = dict(zip(self.tuning.followed, estimate.parameters, strict=True))
+        self.parameters = dict(zip(self.estimator.tuning.followed, estimate.parameters, strict=True))
 
 
 class ControllerAdapter:

@@ -61,7 +61,7 @@ class EstimatorNode(RigNode):
         """Estimate with an adapter from now on."""
         self.adapter, source = made
         self.sources = {"model": source}
-        self.covariance_message = _labelled(self.adapter.filter.labels)
+        self.covariance_message = _labelled(self.adapter.estimator.filter.labels)
 
     def forget(self) -> None:
         """Begin a new experiment."""
@@ -92,7 +92,7 @@ class EstimatorNode(RigNode):
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
         self.entry = self.validator("joint_states")
-        if self.adapter.tuning.channels:
+        if self.adapter.estimator.tuning.channels:
             self.frames = self.validator("camera/joint_states")
             self.listen(self.frames, "camera/joint_states", self.on_camera)
         measurements = self.listen(self.entry, "joint_states", self.on_measurement)
@@ -119,7 +119,7 @@ class EstimatorNode(RigNode):
             self.publish()
             return
         if order is StampOrder.RESTART:
-            self.adapter.filter.reset()
+            self.adapter.estimator.filter.reset()
             self.stamp = self.shown = self.usable = self.zero = 0
             self.restarts += 1
         self.zero = self.zero or stamp
@@ -134,10 +134,10 @@ class EstimatorNode(RigNode):
             self.get_logger().warning(str(error), once=True)
             return
         finally:  # without the readings of frozen sensors
-            shown = [*self.adapter.shown.tolist(), *self.adapter.applied.tolist()]
+            shown = [*self.adapter.estimator.shown.tolist(), *self.adapter.applied.tolist()]
             self.recent.append(((stamp - self.zero) / SECOND, shown))
         self.waiting = None
-        if any(map(math.isfinite, self.adapter.outputs.tolist())):
+        if any(map(math.isfinite, self.adapter.estimator.outputs.tolist())):
             self.usable = max(stamp, self.usable)
         if order is StampOrder.LATE:
             return  # the answer to a newer one is out
@@ -158,7 +158,7 @@ class EstimatorNode(RigNode):
         self.frames.select_source(joints.source)
         self.zero = self.zero or stamp
         try:
-            self.adapter.filter.correct((stamp - self.zero) / SECOND, found[0], CAMERA)
+            self.adapter.estimator.filter.correct((stamp - self.zero) / SECOND, found[0], CAMERA)
         except UserError as error:  # nothing to correct yet
             self.unusable += 1
             self.get_logger().warning(str(error), once=True)
@@ -185,7 +185,7 @@ class EstimatorNode(RigNode):
             self.covariances.publish(self.covariance_message)
 
     def health(self) -> Sequence[Task]:
-        counters, entry = self.adapter.filter.counters, self.entry
+        counters, entry = self.adapter.estimator.filter.counters, self.entry
         loop = {
             "measurements missing": counters.missing,
             "measurements too late": counters.late,
@@ -217,8 +217,9 @@ class EstimatorNode(RigNode):
 
     def sensor(self) -> Task:
         """The task of the sensors: readings that are missing, frozen or implausible."""
-        counters, frozen = self.adapter.filter.counters, [detector.count for detector in self.adapter.frozen]
-        left_out = dict(zip(self.names, self.adapter.monitor.counts, strict=True))
+        estimator = self.adapter.estimator
+        counters, frozen = estimator.filter.counters, [detector.count for detector in estimator.frozen]
+        left_out = dict(zip(self.names, estimator.monitor.counts, strict=True))
         values = {
             "invalid_entries": counters.invalid,
             "unknown_inputs": counters.unknown_inputs,
@@ -236,7 +237,7 @@ class EstimatorNode(RigNode):
             **{f"times the same reading of {name}": count for name, count in zip(self.names, frozen, strict=True)},
         }
         task = self.judged("sensor", troubles, counters.updates, **values)
-        out = [name for name, is_out in zip(self.names, self.adapter.monitor.left_out, strict=True) if is_out]
+        out = [name for name, is_out in zip(self.names, estimator.monitor.left_out, strict=True) if is_out]
         if out:
             words = f"{', '.join(out)} contradicts the model and is left out"
             task = replace(
@@ -254,7 +255,7 @@ class EstimatorNode(RigNode):
             "innovation_mean_square": mean,
             "innovation_band_low": low,
             "innovation_band_high": high,
-            "doubt": self.adapter.doubt,
+            "doubt": self.adapter.estimator.doubt,
             **{f"parameter_{name}": value for name, value in parameters.items()},
         }
         worse = mean / high if count else 0.0
@@ -268,11 +269,11 @@ class EstimatorNode(RigNode):
 
     def doubted(self) -> str:
         """The evidence against the present estimate, in words; "" where there is none."""
-        adapter = self.adapter
-        names = [name for name, r in zip(self.names, adapter.monitor.evidence, strict=True) if r >= 1.0]
+        estimator = self.adapter.estimator
+        names = [name for name, r in zip(self.names, estimator.monitor.evidence, strict=True) if r >= 1.0]
         if names:
             return f"innovations of {', '.join(names)} are not as large as the model says"
-        return "the estimated input disturbance is at its limit" if adapter.diverged else ""
+        return "the estimated input disturbance is at its limit" if estimator.diverged else ""
 
 
 def _labelled(names: Sequence[str]) -> Float64MultiArray:

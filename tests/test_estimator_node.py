@@ -85,7 +85,7 @@ def test_every_method_answers(bench: Bench, model_folder: Path, method: str) -> 
     for _ in range(30):
         answer = clients.estimate(0.01)
     assert answer.position[0] == pytest.approx(0.01, abs=1e-3)
-    assert type(clients.estimator.adapter.filter) is METHODS[method]
+    assert type(clients.estimator.adapter.estimator.filter) is METHODS[method]
 
 
 def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Bench, model_folder: Path) -> None:
@@ -98,7 +98,7 @@ def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Ben
     bench.until(lambda: clients.estimator.seen == 2)
     clients.estimate(0.0)
     assert len(clients.estimates) == 31
-    assert clients.estimator.adapter.filter.counters.delayed == 2
+    assert clients.estimator.adapter.estimator.filter.counters.delayed == 2
 
 
 def test_a_measurement_that_is_no_number_is_predicted_over(bench: Bench, model_folder: Path) -> None:
@@ -107,7 +107,7 @@ def test_a_measurement_that_is_no_number_is_predicted_over(bench: Bench, model_f
     assert math.isfinite(clients.estimate(math.nan).position[0])
     clients.measure(0.01, name="arm")  # of others, who share the topic
     assert math.isfinite(clients.estimate(0.01).position[0])
-    counters = clients.estimator.adapter.filter.counters
+    counters = clients.estimator.adapter.estimator.filter.counters
     assert counters.invalid == 1
     assert clients.estimator.entry.dropped == {Reason.NO_NUMBER: 1, Reason.UNRELATED: 1}
 
@@ -122,7 +122,7 @@ def test_an_effort_that_is_not_known_is_no_fault(bench: Bench, model_folder: Pat
     assert {task.name: task.level for task in clients.estimator.health()}.items() >= {"loop": OK, "sensor": OK}.items()
     clients.estimate(0.01, effort=[math.inf])
     assert clients.estimator.entry.dropped == {Reason.OUT_OF_RANGE: 1}
-    assert clients.estimator.adapter.filter.counters.unknown_inputs == 20
+    assert clients.estimator.adapter.estimator.filter.counters.unknown_inputs == 20
 
 
 def test_a_first_measurement_that_is_no_number_is_not_answered(bench: Bench, model_folder: Path) -> None:
@@ -139,7 +139,7 @@ def test_a_gap_is_counted_and_what_comes_late_is_used_or_ignored_but_not_answere
     clients = Clients(bench, model_folder)
     clients.estimate(0.01)
     clients.estimate(0.01, step=4)
-    counters = clients.estimator.adapter.filter.counters
+    counters = clients.estimator.adapter.estimator.filter.counters
     assert counters.missing == 3
     clients.measure(0.01, step=-2)  # within the gap
     bench.until(lambda: counters.delayed)
@@ -174,7 +174,7 @@ def test_a_repeated_measurement_is_answered_again_without_being_used(bench: Benc
     first = clients.estimate(0.01)
     again = clients.estimate(0.01, step=0)
     assert str(again) == str(first), "not equal by its numbers, for NaN is no number"
-    assert clients.estimator.adapter.filter.counters.updates == 1
+    assert clients.estimator.adapter.estimator.filter.counters.updates == 1
 
 
 def test_stamps_that_begin_again_begin_a_new_experiment(bench: Bench, model_folder: Path) -> None:

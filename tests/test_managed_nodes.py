@@ -247,7 +247,7 @@ def test_an_estimator_that_takes_other_noise_goes_on_where_it_was(bench: Bench, 
     for _ in range(300):
         before = clients.estimate(0.2)
     assert set_parameter(bench, "estimator", "measurement_noise", 0.02) == ""
-    assert clients.estimator.adapter.tuning.measurement_noise[0] == pytest.approx(
+    assert clients.estimator.adapter.estimator.tuning.measurement_noise[0] == pytest.approx(
         load_rig("cam_beam").display[0].si(0.02)
     )
     after = clients.estimate(0.2)

@@ -1,14 +1,18 @@
-"""Faults on loops of real processes: python -m benchmarks.faults [--ordinary] [RIG or NAME...].
+"""Faults on loops of real processes: python -m benchmarks.faults [--ordinary] [--resume] [RIG or NAME...].
 
 The beam follows a sine under faults of all kinds; beam, joint, vehicle and drill string under faults of each sensor and
 actuator. Of each fault: whether all inputs stayed numbers within their bounds, and the rig within its travel and
 validity, or was held or at rest before it left them; how long the diagnostics took to name it in its own words; how
 long the loop needed to answer again, and whether it tracks as usual a second after the end (three after a start); and
-whether no node ended or showed a traceback. --ordinary: without real-time priority.
+whether no node ended or showed a traceback.
+
+--ordinary: without real-time priority. --resume: go on where a run was interrupted.
+Two runs at once disturb each other on a machine of few cores; where there are enough, ROS_DOMAIN_ID keeps them apart.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -29,8 +33,11 @@ from hybrid_sysid_ros.commands.terminal import print_table, status
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import written_file
 
-RIG, NAME, DOMAIN = "cam_beam", "faults", 91
+RIG, NAME = "cam_beam", "faults"
+DOMAIN = int(os.environ.get("ROS_DOMAIN_ID") or 91)
+OPTIONS = {"--ordinary", "--resume"}
 GENERAL, SENSORS, ACTUATORS, TIMED = "general", "sensors", "actuators", "clock"
 """Kinds of faults, each on a stage of its own."""
 LOST: dict[str, Any] = {
@@ -99,10 +106,30 @@ def falls_short(words: str, found: dict[str, Any]) -> bool:
     return not (sound and named and found["recovered_after_s"] <= SOON)
 
 
-def played(rig: Rig, kind: str, faults: Mapping[str, tuple[Fault, str]]) -> dict[str, dict[str, Any]]:
-    """Some faults, one after the other, on one loop while that holds."""
-    found: dict[str, dict[str, Any]] = {}
-    waiting = list(faults)
+class Progress:
+    """What was found so far, in a file beside the results, so that an interrupted run can go on."""
+
+    def __init__(self, name: str, *, resume: bool) -> None:
+        """Raises UserError where there is nothing to go on with."""
+        self.path = result.RESULTS / f"{name}.part.json"
+        if resume and not self.path.is_file():
+            raise UserError(f"--resume: there is no {self.path}, so no run was interrupted: leave the option away")
+        self.found: dict[str, dict[str, dict[str, Any]]] = json.loads(self.path.read_text()) if resume else {}
+
+    def of(self, rig: str) -> dict[str, dict[str, Any]]:
+        """By fault of a rig."""
+        return self.found.setdefault(rig, {})
+
+    def keep(self) -> None:
+        """Write the file."""
+        with written_file(self.path) as partial:
+            partial.write_text(json.dumps(self.found))
+
+
+def play(rig: Rig, kind: str, faults: Mapping[str, tuple[Fault, str]], progress: Progress) -> None:
+    """Play some faults, one after the other, on one loop while that holds; those that progress has are left out."""
+    found = progress.of(rig.name)
+    waiting = [name for name in faults if name not in found]
     while waiting:
         with Stage(rig, domain=DOMAIN, clocked=kind == TIMED, actuated=kind == ACTUATORS) as stage:
             while waiting:
@@ -116,37 +143,46 @@ def played(rig: Rig, kind: str, faults: Mapping[str, tuple[Fault, str]]) -> dict
                 except UserError as error:
                     found[name] = {**LOST, **found.get(name, {}), "held": False, "named": str(error)}
                 found[name]["short"] = falls_short(faults[name][1], found[name])
+                progress.keep()
                 if not found[name]["held"]:
                     break  # the next one finds a loop that runs
-    return found
 
 
 def main() -> int:
     """Try those that are named, or all; print the tables and write the JSON."""
-    asked = [word for word in sys.argv[1:] if word != "--ordinary"]
-    ordinary = "--ordinary" in sys.argv
+    options = {word for word in sys.argv[1:] if word.startswith("-")}
+    asked = [word for word in sys.argv[1:] if word not in options]
+    if options - OPTIONS:
+        raise UserError(f"no option {', '.join(sorted(options - OPTIONS))}: known are {', '.join(sorted(OPTIONS))}")
+    ordinary = "--ordinary" in options
     if ordinary:
         os.environ[ORDINARY] = "1"
-    machine, found = result.machine(), dict[str, dict[str, Any]]()
-    known = {name: faults_of(load(name)) for name in MOVING}
+    machine, known = result.machine(), {name: faults_of(load(name)) for name in MOVING}
     names = {fault for kinds in known.values() for faults in kinds.values() for fault in faults}
     for word in asked:
         if word not in names and word not in known:
             raise UserError(f"no rig or fault {word!r}: rigs are {', '.join(known)}, faults {', '.join(sorted(names))}")
-    for rig, kinds in known.items():
-        rows: dict[str, dict[str, Any]] = {}
-        for kind, faults in kinds.items():
-            wanted = {name: each for name, each in faults.items() if not asked or rig in asked or name in asked}
-            rows |= played(load(rig), kind, wanted)
-        if rows:
-            print_table(_table(rig, rows))
-            found[rig] = rows
+    name = f"{NAME}_ordinary" if ordinary else NAME
+    progress = Progress(name, resume="--resume" in options)
+    whole = False
+    try:
+        for rig, kinds in known.items():
+            for kind, faults in kinds.items():
+                wanted = {name: each for name, each in faults.items() if not asked or rig in asked or name in asked}
+                play(load(rig), kind, wanted, progress)
+        whole = not asked
+    except KeyboardInterrupt:
+        print(f"interrupted: --resume goes on; {progress.path} has what was found", file=sys.stderr)
+    found = {rig: rows for rig, rows in progress.found.items() if rows}
+    for rig, rows in found.items():
+        print_table(_table(rig, rows))
     every = [row for rows in found.values() for row in rows.values()]
     short = sum(row["short"] for row in every)
     print(f"{short} of {len(every)} fall short")
-    if not asked:
-        name = f"{NAME}_ordinary" if ordinary else NAME
-        print(result.write(name, {**found, "short": short, "faults": len(every), "patience_s": PATIENCE}, on=machine))
+    if whole:
+        results = {**found, "short": short, "faults": len(every), "patience_s": PATIENCE}
+        print(result.write(name, results, on=machine))
+        progress.path.unlink(missing_ok=True)
     return 0
 
 

@@ -51,6 +51,8 @@ LASTING = 2.0
 
 ORDINARY = "FAULTS_ORDINARY"
 """Environment variable that asks for processes without real-time priority."""
+COMPILING = 300.0
+"""For the first start of the nodes, which may have to compile [s]."""
 CLOCK_PERIOD = 0.005
 """Of /clock [s]."""
 
@@ -138,11 +140,15 @@ class Stage(Observation):
         sys.setswitchinterval(SWITCH_INTERVAL)  # who disturbs must not hold up the relay
         self.thread = Thread(target=self._spin, daemon=True)
         self.thread.start()
-        for name in NODES:
-            self.start(name)
-        self.session.wait_for("ready", NODES, PATIENCE)
-        self.wait_until_back(time.monotonic())
-        self.learn()
+        try:
+            for name in NODES:
+                self.start(name)
+            self.session.wait_for("ready", NODES, COMPILING)
+            self.wait_until_back(time.monotonic())
+            self.learn()
+        except BaseException:
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *error: object) -> None:

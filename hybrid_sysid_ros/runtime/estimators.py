@@ -1,0 +1,38 @@
+"""Estimators from the parameters of the node `estimator`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import estimator_tuning
+
+
+def estimator_of(
+    rig: Rig, system: System, settings: Mapping[str, Any], *, period: float | None = None, latency: float | None = None
+) -> MonitoredEstimator:
+    """The estimator that the settings choose, for the system of an :func:`~.configuration.estimator_model`.
+
+    period, latency [s]: by default those of the settings. Raises UserError where parameters and model don't fit.
+    """
+    monitoring = MonitorSettings(
+        largest=settings["innovation_limit"],
+        least=settings["innovation_least"],
+        leave_after=settings["leave_out_after"],
+        timeout=settings["sensor_timeout"],
+        frozen_after=settings["frozen_after"],
+        white_noise=[abs(sensor.scale) * sensor.white_noise * sensor.noisy for sensor in rig.sensors],
+        doubt_disturbance=settings["doubt_disturbance"],
+    )
+    return MonitoredEstimator(
+        METHODS[settings["method"]],
+        system,
+        estimator_tuning(settings, rig, system),
+        monitoring,
+        period=1.0 / settings["rate"] if period is None else period,
+        latency=settings["latency"] if latency is None else latency,
+    )
