@@ -263,7 +263,7 @@ class ControllerNode(RigNode):
             if self.settled and self.returning:
                 self.returning = False
                 self.adapter.controller.reset()
-                self.adapter.guard.governor.begin(self.home)
+                self.adapter.guard.governor.begin(self.adapter.guard.within_reach(self.home))
         return self.settled
 
     def reference(self, stamp: int, level: LoopState, elapsed: float) -> Array:
@@ -305,7 +305,8 @@ class ControllerNode(RigNode):
         self.layers[layer] += 1
         self.settled, self.returning = False, True
         self.become(self.operation.state(LoopState.RESTING))
-        self.send(self.adapter.at_rest() if layer == RESTED else self.adapter.rest)
+        stabilised = layer == RESTED and self.adapter.guard.trusts_actuators
+        self.send(self.adapter.at_rest() if stabilised else self.adapter.rest)
 
     def stop(self) -> None:
         """Move the inputs nearer to rest, so that they get there within stop_seconds, or at once in an emergency."""

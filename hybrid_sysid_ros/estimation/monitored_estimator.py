@@ -86,7 +86,8 @@ class MonitoredEstimator:
         )
         after = round(settings.frozen_after / self._period)
         self.frozen = [FrozenSensorDetector(noise, after=after) for noise in settings.white_noise]
-        self._last, self._doubted, self.diverged, self._unjudged = math.nan, 0.0, False, 0
+        self._last, self._doubted, self._unjudged = math.nan, 0.0, 0
+        self.diverged = self._astray = False
 
     def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """See :meth:`.estimator.Estimator.update`."""
@@ -96,6 +97,10 @@ class MonitoredEstimator:
                 self.outputs[k] = math.nan
         self.shown[:] = self.outputs
         self.monitor.screen(self.outputs)
+        if self._astray and np.isfinite(self.outputs).any():
+            self._astray = False
+            self.filter.reset()
+            self.monitor.renew()
         estimate = self.filter.update(time, self.outputs, applied)
         elapsed, self._last = time - self._last, time
         if elapsed > GAP * self._period:  # it is unknown which inputs acted in between
@@ -106,16 +111,14 @@ class MonitoredEstimator:
         return estimate
 
     def _judge(self, estimate: StateEstimate, applied: Array, elapsed: float) -> None:
-        """Judge the evidence against an estimate; initialise it again where the evidence lasts too long."""
+        """Judge the evidence against an estimate, which begins anew where that lasts too long."""
         expected = self.expected(estimate, applied) if any(self.monitor.left_out) else None
         self.monitor.judge(self.shown, estimate.normalised, expected, elapsed)
         self.diverged = bool((np.abs(estimate.disturbance) >= self._limits).any())
         astray = self.monitor.is_contradicted or self.diverged
         self._doubted = self._doubted + elapsed if astray else 0.0
         if self._doubted > ASTRAY:
-            self._doubted = 0.0
-            self.filter.reset()
-            self.monitor.renew()
+            self._doubted, self._astray = 0.0, True
 
     def expected(self, estimate: StateEstimate, applied: Array) -> Array:
         """Expected readings of the sensors (p,) under inputs (m,)."""

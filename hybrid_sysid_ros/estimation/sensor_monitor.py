@@ -23,8 +23,9 @@ LASTING = 2.0
 """Weight of the longer mean square: a load or a reversal that the model does not know is soon over."""
 AGREES = 0.5
 """Share of the largest mean square within which a sensor that was left out agrees with the estimate again."""
-TRIAL = 1.0
-"""Time [s] after which a sensor that is left out is tried again, for the estimate without it may have gone astray."""
+TRIAL = 3.0
+"""Time [s] after which a sensor that is left out is tried again, for the estimate without it may have gone astray. One
+that still lies then spoils the estimate, so that it is not tried often."""
 MISSING = 2.0
 """Evidence that a sensor gives which shows nothing, where the others do not tell the state."""
 BLAMELESS = 10.0

@@ -9,10 +9,11 @@ LONGEST = 0.05
 
 
 class Suspicion:
-    """S+ = clip(S + (min(r, 10) - 1) dt, 0, most), in seconds; r: evidence as a multiple of its threshold.
+    """S+ = clip(S + (min(r, 10) - 1) dt, 0, most), in seconds; r: evidence as a multiple of its threshold, 0 below it.
 
     Evidence that stays at twice its threshold reaches one second after one second, clear evidence nine times sooner;
-    without any, S falls by a second a second. Source: Page (1954), Continuous inspection schemes, Biometrika 41.
+    without any, S falls by a second a second. What is below its threshold is none: it must not delay the way back.
+    Source: Page (1954), Continuous inspection schemes, Biometrika 41.
     """
 
     def __init__(self, most: float) -> None:
@@ -22,6 +23,6 @@ class Suspicion:
 
     def add(self, evidence: float, elapsed: float) -> float:
         """Take in evidence of the last ``elapsed`` [s]; NaN counts as none. Returns S [s]."""
-        clear = min(evidence, CLEAREST) if evidence > 0.0 else 0.0
+        clear = min(evidence, CLEAREST) if evidence > 1.0 else 0.0
         self.seconds = min(max(self.seconds + (clear - 1.0) * elapsed, 0.0), self._most)
         return self.seconds

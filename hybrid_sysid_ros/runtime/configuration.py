@@ -13,7 +13,7 @@ import numpy as np
 from hybrid_sysid_ros.control import Controller, ControlProblem
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.safety.failsafe import Ladder
-from hybrid_sysid_ros.control.safety.guard import GuardSettings
+from hybrid_sysid_ros.control.safety.guard import RECENT, GuardSettings
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.control.waiting_inputs import WaitingInputs
@@ -233,6 +233,11 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
         ladder=Ladder(values["slow_after"], values["hold_after"], values["rest_after"]),
         slow_share=values["slow_share"],
         resume_rate=np.array([abs(rate) or cross for rate, cross in zip(rates, crossing, strict=True)]),
+        reach=(
+            np.array([item.scale * item.low if item.moves else math.nan for item in ranges]),
+            np.array([item.scale * item.high if item.moves else math.nan for item in ranges]),
+        ),
+        recent=math.ceil((RECENT + rig.system.delay) * defaults(rig, "plant")["rate"]) + 1,
         tolerance=values["actuator_tolerance"],
         low=low,
         high=high,

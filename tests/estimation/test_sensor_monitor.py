@@ -34,7 +34,8 @@ def judge(found, squares, *, readings=None, expected=None, steps=1):
 def test_suspicion_is_the_time_beyond_the_threshold():
     suspicion = Suspicion(1.0)
     assert suspicion.add(2.0, 0.1) == pytest.approx(0.1)
-    assert suspicion.add(0.0, 0.04) == pytest.approx(0.06)
+    assert suspicion.add(0.0, 0.02) == pytest.approx(0.08)
+    assert suspicion.add(0.9, 0.02) == pytest.approx(0.06), "what is below the threshold is none"
     assert suspicion.add(math.nan, 1.0) == 0.0
     assert suspicion.add(1e9, 0.01) == pytest.approx((CLEAREST - 1.0) * 0.01)
     assert suspicion.add(1e9, 10.0) == 1.0
@@ -99,7 +100,7 @@ def test_a_sensor_that_still_disagrees_is_tried_after_a_while():
 @pytest.mark.parametrize("squares", [[100.0, 100.0], [100.0, 0.0]])
 def test_none_is_left_out_where_both_are_in_doubt(squares):
     found = monitor()
-    judge(found, [1.0, squares[1]], steps=round((3.0 if squares[1] == 0.0 else 0.0) / STEP))
+    judge(found, [1.0, squares[1]], steps=round((TRIAL + 2.0 if squares[1] == 0.0 else 0.0) / STEP))
     judge(found, squares, steps=200)
     assert found.left_out == [False, False]
     assert found.doubt > 1.0

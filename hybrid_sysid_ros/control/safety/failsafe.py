@@ -71,6 +71,10 @@ class Failsafe:
         """The largest of all [s]."""
         return max(suspicion.seconds for suspicion in self._suspicions.values())
 
+    def suspects(self, name: str) -> bool:
+        """Whether a kind of evidence would be enough by itself for inputs at rest."""
+        return self._suspicions[name].seconds >= AGAIN * self.ladder.resting
+
     def go_on(self, other: Failsafe) -> None:
         """Take over the level and the suspicions of another one with the same kinds of evidence."""
         self.state, self.reason, self.tripped = other.state, other.reason, other.tripped

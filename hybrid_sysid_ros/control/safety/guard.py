@@ -18,7 +18,14 @@ REASONS = {
     RANGE: "the state is outside of the rig's travel or validity",
 }
 """Kinds of evidence, in words."""
-RECENT = 10  # commands, one of which an actuator may still be carrying out
+RECENT = 0.05
+"""Time [s], beside its delay, for which an actuator may still be carrying out a command."""
+UNLIKE = 0.5
+"""Share of what an actuator was commanded, as a root mean square, by which it may miss that."""
+SMALL = 0.2
+"""Share of the tolerance below which commands are too small to tell what an actuator makes of them."""
+AVERAGE = 0.1
+"""Time constant [s] of the mean squares of commands and of what they are missed by."""
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
 
 
@@ -33,6 +40,10 @@ class GuardSettings:
     """Of half an input's range, by which it may leave its rest while slowed, and of ``resume_rate``."""
     resume_rate: Array
     """(p,): by which the reference moves on when the loop comes back [output unit/s]."""
+    reach: tuple[Array, Array]
+    """Lowest and highest set-points (p,), NaN where there is no limit."""
+    recent: int
+    """Commands, one of which an actuator may still be carrying out."""
     tolerance: float
     """Share of its range by which an actuator may differ from its commands."""
     low: Array
@@ -50,8 +61,9 @@ class GuardSettings:
 class Guard:
     """Stands between estimate, controller and actuator: judges, governs the reference and limits the command.
 
-    The evidence: ``doubt`` of the estimator; the distance of the applied inputs from the hull of the recent commands
-    over the tolerance; the distance of the state from its range over OUTSIDE of that range.
+    The evidence: ``doubt`` of the estimator; the distance of the applied inputs from the hull of the recent commands,
+    over the tolerance or, squared, over the mean square of the commands; the distance of the state from its range over
+    OUTSIDE of that range.
     """
 
     def __init__(self, settings: GuardSettings) -> None:
@@ -59,10 +71,11 @@ class Guard:
         self.failsafe = Failsafe(settings.ladder, list(REASONS))
         self.governor = ReferenceGovernor(len(settings.resume_rate))
         self._span = settings.high - settings.low
+        self._middle = np.clip(0.0, settings.low, settings.high)
         self._limited = bool(np.isfinite(settings.rate).any())
         width = settings.state_high - settings.state_low
         self._outside = OUTSIDE * np.where(np.isfinite(width), width, np.maximum(1.0, np.abs(self._finite())))
-        self._recent = np.zeros((RECENT, len(self._span)))
+        self._recent = np.zeros((settings.recent, len(self._span)))
         self.evidence = dict.fromkeys(REASONS, 0.0)
         self.begin()
 
@@ -75,13 +88,15 @@ class Guard:
         """Forget the past."""
         self.failsafe.reset()
         self.governor.release()
-        self._recent[:] = np.clip(0.0, self.settings.low, self.settings.high)
+        self._recent[:] = self._middle
         self._row = 0
+        self._missed, self._asked = np.zeros(len(self._span)), np.zeros(len(self._span))
 
     def go_on(self, other: Guard) -> None:
         """Go on where another guard of the loop is, which this one replaces."""
         self.failsafe.go_on(other.failsafe)
         self.governor, self._recent, self._row = other.governor, other._recent, other._row
+        self._missed, self._asked = other._missed, other._asked
 
     def judge(self, doubt: float, without: float, applied: Array, state: Array, elapsed: float) -> LoopState:
         """The level from an estimate. doubt, without: of the estimator, NaN where it says nothing. applied (m,): inputs
@@ -89,14 +104,37 @@ class Guard:
         """
         settings, evidence = self.settings, self.evidence
         evidence[ESTIMATE] = doubt
-        away = np.maximum(self._recent.min(axis=0) - applied, applied - self._recent.max(axis=0))
-        evidence[ACTUATOR] = float((away / (settings.tolerance * self._span)).max(initial=0.0, where=away == away))
+        evidence[ACTUATOR] = self._actuators(applied, elapsed)
         beyond = np.maximum(settings.state_low - state, state - settings.state_high) / self._outside
         evidence[RANGE] = float(beyond.max(initial=0.0, where=beyond == beyond))
         level = self.failsafe.judge(evidence, min(elapsed, LONGEST))
         if without > 0.0 and level < LoopState.SLOWED:
             level = LoopState.SLOWED
         return level if settings.act else LoopState.DRIVING
+
+    def within_reach(self, outputs: Array) -> Array:
+        """Where a reference begins when the loop comes back: the outputs (p,), or the nearest set-points. A rig that is
+        beyond all of these has been driven there, and is brought back as fast as it may.
+        """
+        low, high = self.settings.reach
+        return np.fmin(np.fmax(outputs, low), high)
+
+    def _actuators(self, applied: Array, elapsed: float) -> float:
+        """Evidence that actuators don't do what was commanded."""
+        tolerance, share = self.settings.tolerance * self._span, min(elapsed / AVERAGE, 1.0)
+        asked = self._recent.mean(axis=0) - self._middle
+        away = np.abs(applied - np.clip(applied, self._recent.min(axis=0), self._recent.max(axis=0)))
+        known = away == away
+        self._missed += share * (np.where(known, away, 0.0) ** 2 - self._missed)
+        self._asked += share * (np.where(known, asked, 0.0) ** 2 - self._asked)
+        told = (self._asked > (SMALL * tolerance) ** 2) & (away > UNLIKE * np.abs(asked))
+        unlike = self._missed / np.where(told, UNLIKE**2 * self._asked, np.inf)
+        return float(max((away / tolerance).max(initial=0.0, where=known), unlike.max()))
+
+    @property
+    def trusts_actuators(self) -> bool:
+        """Whether a stabiliser may act while the loop rests: one whose inputs are not obeyed drives the rig away."""
+        return not self.failsafe.suspects(ACTUATOR)
 
     @property
     def reason(self) -> str:
@@ -130,4 +168,4 @@ class Guard:
     def commanded(self, inputs: Array) -> None:
         """Remember a command (m,) that was sent."""
         self._recent[self._row] = inputs
-        self._row = (self._row + 1) % RECENT
+        self._row = (self._row + 1) % len(self._recent)

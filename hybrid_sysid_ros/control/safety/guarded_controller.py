@@ -1,0 +1,61 @@
+"""Guarded controller: a controller behind a guard, as the node drives it, for loops in one process."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.controller import Controller
+from hybrid_sysid_ros.control.safety.failsafe import LoopState
+from hybrid_sysid_ros.control.safety.guard import Guard
+from hybrid_sysid_ros.estimation.estimator import StateEstimate
+from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator
+from hybrid_sysid_ros.support.arrays import Array
+
+
+class GuardedController:
+    """Answers the estimates of a monitored estimator: follows the reference, slows down, holds or rests.
+
+    level: what the guard allowed last. input: the newest command (m,). times: of the preview, from when the command
+    acts on (horizon,) [s].
+    """
+
+    def __init__(
+        self, controller: Controller, guard: Guard, estimator: MonitoredEstimator, *, rest: Array, lead: float
+    ) -> None:
+        """rest: the inputs at rest (m,). lead: time from a measurement until its command acts [s]."""
+        self.controller, self.guard, self.estimator, self.lead = controller, guard, estimator, lead
+        self.times: Array = controller.period * np.arange(1, controller.horizon + 1, dtype=np.float64)
+        self._rest = rest
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the past."""
+        self.controller.reset()
+        self.guard.begin()
+        self.level, self.input, self._returning = LoopState.DRIVING, self._rest.copy(), False
+
+    def control(self, estimate: StateEstimate, applied: Array, now: Array, preview: Array, elapsed: float) -> Array:
+        """The command (m,) for an estimate, ``elapsed`` [s] after the one before. applied (m,): inputs that acted. now
+        (p,), preview (horizon, p): the reference when the command acts, and at ``times`` from then on [SI].
+        """
+        guard, estimator, state = self.guard, self.estimator, estimate.ahead
+        self.level = level = guard.judge(estimator.doubt, estimator.monitor.without, applied, state, elapsed)
+        rest = self._rest
+        if isinstance(self.controller, Cascade) and (level is not LoopState.RESTING or guard.trusts_actuators):
+            rest = self.controller.held(state)
+        if level is LoopState.RESTING:
+            self._returning = True
+            command = rest
+        else:
+            if self._returning:
+                self._returning = False
+                self.controller.reset()
+                guard.governor.begin(guard.within_reach(estimator.expected(estimate, applied)))
+            preview = guard.reference(level, now, preview, self.times, elapsed)
+            plan = self.controller.control(state, estimate.disturbance, self.input, preview)
+            self.controller.prepare(elapsed)
+            command = plan.input if level is LoopState.DRIVING else guard.slowed(plan.input, rest)
+        self.input = guard.followed(command, self.input, elapsed)
+        guard.commanded(self.input)
+        return self.input
