@@ -21,7 +21,7 @@ from rich.table import Table
 
 from benchmarks import result
 from benchmarks.faults.distrust import SHARE, STUCK, sizes_of
-from benchmarks.faults.observation import MOVING, RESTRAINED, ROOM
+from benchmarks.faults.observation import LONGEST_LOOK, MOVING, RESTRAINED, ROOM, WINDOW
 from hybrid_sysid_ros.commands.terminal import print_table, status
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.models import load as load_model
@@ -33,10 +33,8 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 NAME = "fault_rehearsal"
-BEFORE, LASTING, AFTER, WINDOW = 6.0, 2.0, 1.0, 1.0
-"""Time of the sound loop, of a fault, and after it, and that over which tracking is judged [s]."""
-LEARNED = 4.0
-"""Last part of the sound loop, which shows the usual tracking error [s]."""
+SETTLING, LASTING, AFTER = 2.0, 2.0, 1.0
+"""Time of the way to the reference, of a fault, and after it [s]."""
 
 
 @dataclass
@@ -213,6 +211,8 @@ class Rehearsal:
         self.loop = guarded_loop(rig, model, {"policy": "supervised", "certificate": "ignore"})
         self.estimator, self.period = self.loop.estimator, 1.0 / defaults(rig, "estimator")["rate"]
         self.tracked = np.array(defaults(rig, "controller")["output_weight"]) > 0.0
+        self.learned = math.ceil(min(1.0 / MOVING[rig.name]["frequency"], LONGEST_LOOK) / WINDOW) * WINDOW
+        self.before = SETTLING + self.learned
         scales = np.array([display.scale for display in rig.display])
         amplitude, turns = MOVING[rig.name]["amplitude"], 2.0 * math.pi * MOVING[rig.name]["frequency"]
         self._peaks, self._turns = scales * amplitude * self.tracked, turns
@@ -244,10 +244,10 @@ class Rehearsal:
             "reason": "",
         }
         tripped = ""
-        for k in range(round((BEFORE + LASTING + AFTER + WINDOW) / period)):
+        for k in range(round((self.before + LASTING + AFTER + WINDOW) / period)):
             time = k * period
-            since = time - BEFORE
-            moment = Moment(since, k - round(BEFORE / period), random)
+            since = time - self.before
+            moment = Moment(since, k - round(self.before / period), random)
             wrong = 0.0 <= since < LASTING
             readings = plant.sensed().copy()
             errors.append((self.reference(np.array([time]))[0] - plant.outputs()) * self.tracked)
@@ -280,12 +280,12 @@ class Rehearsal:
         def rms(begin: float) -> Array:
             return np.sqrt(np.mean(rows[round(begin / period) :][:count] ** 2, axis=0))
 
-        usual = np.max([rms(BEFORE - LEARNED + j * WINDOW) for j in range(int(LEARNED / WINDOW))], axis=0)
+        usual = np.max([rms(SETTLING + j * WINDOW) for j in range(round(self.learned / WINDOW))], axis=0)
         noise = np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
         tolerance = np.where(self.tracked, ROOM * np.maximum(usual, noise), math.inf)
-        during = np.max(np.abs(rows[round(BEFORE / period) : round((BEFORE + LASTING) / period)]), axis=0)
+        during = np.max(np.abs(rows[round(self.before / period) : round((self.before + LASTING) / period)]), axis=0)
         found["during"] = float(np.max(during / tolerance))
-        found["error"] = float(np.max(rms(BEFORE + LASTING + AFTER) / tolerance))
+        found["error"] = float(np.max(rms(self.before + LASTING + AFTER) / tolerance))
         found["kept"] = min(found["restrained"], LASTING + AFTER) <= found["left"]
         found["false"] = tripped
         found["short"] = not found["kept"] or not found["error"] <= 1.0

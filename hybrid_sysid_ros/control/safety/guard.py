@@ -8,7 +8,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.safety.failsafe import Failsafe, Ladder, LoopState
 from hybrid_sysid_ros.control.safety.governor import ReferenceGovernor
-from hybrid_sysid_ros.estimation.suspicion import LONGEST
+from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
 from hybrid_sysid_ros.support.arrays import Array
 
 ESTIMATE, ACTUATOR, RANGE = "estimate", "actuator", "range"
@@ -129,7 +129,7 @@ class Guard:
         self._asked += share * (np.where(known, asked, 0.0) ** 2 - self._asked)
         told = (self._asked > (SMALL * tolerance) ** 2) & (away > UNLIKE * np.abs(asked))
         unlike = self._missed / np.where(told, UNLIKE**2 * self._asked, np.inf)
-        return float(max((away / tolerance).max(initial=0.0, where=known), unlike.max()))
+        return float(max((away / tolerance).max(initial=0.0, where=known), min(unlike.max(), CLEAREST)))
 
     @property
     def trusts_actuators(self) -> bool:
