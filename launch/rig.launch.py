@@ -1,11 +1,11 @@
 """Launch a rig: ros2 launch hybrid_sysid_ros rig.launch.py [rig:=NAME_OR_PATH] [namespace:=NAME] [bag:=FOLDER] ..."""
 
-import json
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
@@ -223,7 +223,8 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     # Launch says nothing of what nobody declares; a file that includes this one may have more.
     for text in context.argv:
         if (name := text.partition(":=")[0]) not in ARGUMENTS:
-            get_logger(PACKAGE).warning(f"rig.launch.py has no argument {name}: {errors.known(name, ARGUMENTS)}")
+            why = extensions.missing(f"--{name}") or errors.known(name, ARGUMENTS)
+            get_logger(PACKAGE).warning(f"rig.launch.py has no argument {name}: {why}")
     try:
         values = parameters(given)
         check(given, values)
@@ -239,7 +240,7 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         executable: str,
         parameters: dict[str, Any],
         arguments: tuple[str, ...] = (),
-        ros_arguments: Sequence[str] = (),
+        file: str = "",
         **more: Any,
     ) -> Node:
         # Text is text, whatever quotes and colons are in it.
@@ -251,9 +252,9 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             package=PACKAGE,
             executable=executable,
             namespace=given["namespace"],
-            parameters=[*([given["params_file"]] if given["params_file"] else []), given_to_it],
+            parameters=[*filter(None, (given["params_file"], file)), given_to_it],
             arguments=[*arguments],
-            ros_arguments=["--log-level", given["log_level"], *ros_arguments],
+            ros_arguments=["--log-level", given["log_level"]],
             additional_env=threads,
             output="screen",
             respawn=watch.respawns > 0,
@@ -268,8 +269,11 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     beside = [node(name, values.pop(name), name=name) for name in sorted(apart)]
     if given["composed"] == "true":  # each takes what is its own
         loop = {name: values.pop(name) for name in LOOP if name in values}
-        words = [f"{name}:{key}:={json.dumps(value)}" for name in loop for key, value in loop[name].items()]
-        found = [node("composed", {}, ("--nodes", *loop), [word for each in words for word in ("-p", each)])]
+        with NamedTemporaryFile(
+            "w", prefix="hybrid_sysid_", suffix=".yaml", delete=False
+        ) as file:  # as launch has its own
+            file.write(processes.parameter_text(loop))
+        found = [node("composed", {}, ("--nodes", *loop), file.name)]
     found += [node(name, parameters, name=name) for name, parameters in values.items()]
     ends = [RegisterEventHandler(OnProcessExit(target_action=item, on_exit=watch.ended)) for item in found]
     return [*found, *beside, *described(given), *ends]

@@ -150,7 +150,8 @@ class ControllerNode(RigNode):
 
     def wind_down(self) -> None:
         """Stop, and give the inputs the time to come to rest."""
-        self.operation.turn_to(ControllerMode.STOP)
+        self.operation.mode = ControllerMode.STOP
+        announce("at rest")
         end = perf_counter() + self.settings["stop_seconds"] + WATCH_PERIOD
         while self.thread not in (None, get_ident()) and self.moves() and perf_counter() < end:
             sleep(WATCH_PERIOD / 10)

@@ -20,8 +20,8 @@ class ControllerMode(Enum):
 class Operation:
     """ControllerMode, arming and the emergency stop, which stays until it is reset, and needs arming after that.
 
-    reason: why the loop may not move, "" where it may. tell: receives "at rest" and "may move", for whoever starts the
-    controller again: one that died at rest stays there.
+    reason: why the loop may not move, "" where it may. tell: receives "at rest: WHY" and "may move: HOW", for the
+    operator, and for whoever starts the controller again: one that died at rest stays there.
     """
 
     def __init__(self, *, armed: bool, tell: Callable[[str], object] = str) -> None:
@@ -29,14 +29,17 @@ class Operation:
         self.reason = "" if armed else "not armed yet"
         self._tell = tell
         if not armed:
-            tell("at rest")
+            self._say("at rest")
 
     def turn_to(self, mode: ControllerMode) -> None:
         """Take another mode. Raises UserError where the loop is not armed and would have to move."""
         if mode is not ControllerMode.STOP and not self.armed:
             raise UserError(f"the loop is disarmed ({self.reason}): {self._way_back}")
         self.mode = mode
-        self._tell("at rest" if mode is ControllerMode.STOP else "may move")
+        self._say("at rest" if mode is ControllerMode.STOP else "may move")
+
+    def _say(self, which: str) -> None:
+        self._tell(f"{which}: {self.words or 'the loop drives'}")
 
     @property
     def _way_back(self) -> str:
@@ -47,27 +50,29 @@ class Operation:
         emergency stop that has not been reset.
         """
         if self.emergency:
-            raise UserError(f"the emergency stop is latched ({self.reason}): call the service reset before")
+            raise UserError(f"{self.reason} is latched: call the service reset before")
         if unready:
             raise UserError(f"not ready to be armed: {'; '.join(unready)}")
         self.armed, self.mode, self.reason = True, ControllerMode.DRIVE, ""
-        self._tell("may move")
+        self._say("may move")
 
     def disarm(self) -> None:
         """Let the loop come to rest and stay there until it is armed."""
         self.armed = False
-        self.reason = self.reason or "disarmed by the service"
-        self._tell("at rest")
+        self.reason = self.reason or "by the service disarm"
+        self._say("at rest")
 
     def emergency_stop(self, why: str) -> None:
         """Rest at once, and stay there until it is reset and armed."""
         if not self.emergency:
-            self.armed, self.emergency, self.reason = False, True, why
-            self._tell("at rest")
+            self.armed, self.emergency, self.reason = False, True, f"emergency stop by {why}"
+            self._say("at rest")
 
     def reset(self) -> None:
         """Unlatch the emergency stop; the loop stays disarmed."""
-        self.emergency = False
+        if self.emergency:
+            self.emergency = False
+            self._say("at rest")
 
     def state(self, level: LoopState) -> LoopState:
         """What the loop does where its failsafe allows a level."""

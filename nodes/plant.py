@@ -9,6 +9,8 @@ from functools import cached_property, partial
 from random import Random
 from time import perf_counter
 
+from rclpy.timer import Timer
+
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
@@ -81,6 +83,7 @@ class PlantNode(RigNode):
         """Wait for a loop, and start the rig from its present state."""
         self.timeline = Timeline(self.now)
         self.alone = perf_counter()  # when somebody was missing last without whom there is no loop [s]
+        self.ticks: Timer | None = None
         self.measurements = self.open("joint_states")
         self.motions = self.open("motion")
         self.entry = self.validator("joint_command")
@@ -98,10 +101,20 @@ class PlantNode(RigNode):
         return StopByHand(self)
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
-        return {"reset": partial(self.soon, self.again), "enable": self.hand.release}
+        return {"reset": self.reset, "enable": self.hand.release}
+
+    def reset(self) -> None:
+        """Start the rig again from its initial state: in real time at once; where others wait for its measurements or
+        frames, in a loop that comes together anew.
+        """
+        if self.lockstep or self.frames is not None or not self.started:
+            self.soon(self.again)
+            return
+        self.begin()
+        self.start()
 
     def again(self) -> None:
-        """Start the rig again from its initial state."""
+        """Leave the loop and join it again, from the rig's initial state."""
         self._leave()
         self.begin()
         self.activate()
@@ -149,7 +162,8 @@ class PlantNode(RigNode):
             self.every(ANSWER_TIMEOUT / 5, self.ask_again)
         else:
             self.answers.start = self.timeline.start
-            self.every(self.answers.period / SECOND, self.tick)
+            if self.ticks is None:
+                self.ticks = self.every(self.answers.period / SECOND, self.tick)
         if self.answers.latest < 0:
             self.measure(0, self.drive.at(0.0))
         elif self.lockstep:

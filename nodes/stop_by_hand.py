@@ -12,8 +12,10 @@ from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.nodes.diagnostics import OK, WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers
+from hybrid_sysid_ros.nodes.process import announce
 
 SERVICE = "controller/estop"
+WORDS = "stopped by hand until the service enable or reset of the plant is called"
 ASK_AGAIN = 1.0  # s, between two calls of it
 
 
@@ -37,6 +39,8 @@ class StopByHand:
     def stop(self, answers: Answers) -> None:
         """Latch, and ask the controller to stop; answers: of its commands."""
         self.count += 1
+        if not self.latched:
+            announce(f"stopped: {WORDS}")
         self.latched, self._last_old = True, math.inf
         self._ask(answers)
 
@@ -64,6 +68,5 @@ class StopByHand:
         """The task of the loop, with a word about a stop that lasts."""
         if not self.latched:
             return task
-        words = "stopped by hand until the service enable or reset of the plant is called"
-        words = words if task.level == OK else f"{task.message}; {words}"
+        words = WORDS if task.level == OK else f"{task.message}; {WORDS}"
         return replace(task, level=max(task.level, WARN), message=words)

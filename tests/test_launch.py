@@ -11,12 +11,17 @@ import pytest
 
 pytest.importorskip("launch_ros", reason="needs ROS's launch, which no wheel brings")
 
+import rclpy
+from rclpy.context import Context
+
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError, UserErrors
 
 RIG = load("cam_beam")
+perform_substitutions = pytest.importorskip("launch.utilities").perform_substitutions
+TextSubstitution = pytest.importorskip("launch.substitutions").TextSubstitution
 LaunchContext = pytest.importorskip("launch").LaunchContext  # the folder of that name is no package
 FILE = Path(__file__).parents[1] / "launch" / "rig.launch.py"
 
@@ -75,6 +80,26 @@ def test_each_node_is_started_once(launch_file: Any) -> None:
     assert executables(launch_file, composed="true") == ["composed"]
     real = executables(launch_file, simulated="false", bag="bag")
     assert sorted(real) == ["controller", "estimator", "recorder", "reference"]
+
+
+def test_nodes_of_one_process_get_their_parameters_in_any_namespace(launch_file: Any) -> None:
+    """A real rig's controller is at rest until somebody arms it."""
+    launching = LaunchContext()
+    launching.launch_configurations.update(given(launch_file, composed="true", simulated="false", namespace="left"))
+    found = next(item for item in launch_file.nodes(launching) if getattr(item, "node_executable", "") == "composed")
+    found._perform_substitutions(launching)
+    texts = [perform_substitutions(launching, word) for word in found.cmd[1:] if isinstance(word[0], TextSubstitution)]
+    files = [word for text in texts if text.endswith(".yaml") for word in ("--params-file", text)]
+    context = Context()
+    rclpy.init(args=["--ros-args", *files], context=context)
+    try:
+        node = rclpy.create_node(
+            "controller", namespace="left", context=context, automatically_declare_parameters_from_overrides=True
+        )
+        assert node.get_parameter("armed").value is False
+        node.destroy_node()
+    finally:
+        context.try_shutdown()
 
 
 def test_what_is_wrong_is_told_before_anything_is_started(launch_file: Any, tmp_path: Path, caplog: Any) -> None:

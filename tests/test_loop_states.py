@@ -77,6 +77,27 @@ def test_an_emergency_stop_stays_until_it_is_reset_and_armed(wheel: Wheel) -> No
     assert back[-1] == pytest.approx(4.0)
 
 
+def test_an_operator_is_told_what_was_done_by_hand_and_what_goes_on() -> None:
+    told: list[str] = []
+    operation = Operation(armed=True, tell=told.append)
+    operation.turn_to(ControllerMode.STOP)
+    operation.turn_to(ControllerMode.DRIVE)
+    for _ in range(2):
+        operation.emergency_stop("the topic estop")
+    operation.reset()
+    operation.arm([])
+    operation.disarm()
+    latched = "disarmed (emergency stop by the topic estop)"
+    assert told == [
+        "at rest: stopped until the service enable is called",
+        "may move: the loop drives",
+        f"at rest: {latched}: call the services reset and arm",
+        f"at rest: {latched}: call the service arm",
+        "may move: the loop drives",
+        "at rest: disarmed (by the service disarm): call the service arm",
+    ]
+
+
 def test_a_rest_for_want_of_numbers_is_one_change_of_state(wheel: Wheel) -> None:
     wheel.command(0.0)
     for _ in range(60):

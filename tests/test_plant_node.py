@@ -108,6 +108,20 @@ def test_a_plant_that_was_held_up_leaves_out_what_it_missed(bench: Bench) -> Non
     assert first.effort[0] == 2.0
 
 
+def test_a_reset_in_real_time_begins_anew_without_a_pause(bench: Bench) -> None:
+    drill = Drill(bench, rate=100.0, command_timeout=10.0)
+    drill.answer(5.0)
+    bench.until(lambda: drill.plant.plant.time > 0.1)
+    moved, count = drill.measurements[-1].position[0], len(drill.measurements)
+    assert abs(moved) > 0.0
+    assert ask(bench, Trigger, "plant/reset", Trigger.Request()).success
+    assert drill.plant.plant.time < 0.1
+    bench.until(lambda: len(drill.measurements) > count + 10)
+    steps = np.diff([stamp_of(message) for message in drill.measurements[count - 1 :]])
+    assert max(steps) < SECOND // 10
+    assert drill.measurements[-1].effort[0] == 0.0
+
+
 def test_a_person_drives_where_no_controller_does_and_stops_it_where_one_does(bench: Bench) -> None:
     drill = Drill(bench, rate=100.0, silence=0.2, command_timeout=10.0)
     plant = drill.plant

@@ -48,6 +48,19 @@ def test_the_failsafe_line_counts_what_the_loop_did_instead_of_driving():
     assert summary.content["failsafe"] == {"slowed": 2, "holding": 1, "at rest for want of commands": 4}
 
 
+def test_what_a_controller_counts_is_said_to_be_of_the_last_one():
+    lines = RunSummary.of(diagnostics(restarts=2), RIG).lines
+    assert lines["layers"].endswith("(since its last restart, of 2)")
+    assert lines["failsafe"] == "never (since its last restart, of 2)"
+
+
+@pytest.mark.parametrize(("share", "words"), [(0.021, "follows"), (0.9, "does NOT follow"), (None, "(RMSE)")])
+def test_tracking_is_judged_by_the_movement_of_the_reference(share, words):
+    line = RunSummary(missed=0, measurements=1, tracking={"whole_run": "0.1 V"}, share=share).lines["tracking"]
+    assert line.startswith("whole run 0.1 V (RMSE)")
+    assert words in line
+
+
 def test_a_run_without_a_measurement_is_not_judged(tmp_path):
     summary = RunSummary.of({}, RIG, bag=tmp_path / "nowhere")
     assert summary.fast_enough is None

@@ -75,6 +75,19 @@ class ClosedLoopSection:
         }
 
     @property
+    def share(self) -> float | None:
+        """Error over the whole run as a share of the reference's movement about its mean, both RMS, of the output that
+        is worst; None where no reference moves.
+        """
+        shares = []
+        for k in self.loop.tracked:
+            inside = np.isfinite(self.loop.error[:, k]) & (self.loop.time >= 0.0)
+            moved = float(np.std(self.loop.reference[inside, k])) if inside.any() else 0.0
+            if moved > SAME_REFERENCE * float(np.max(np.abs(self.loop.reference[inside, k]), initial=0.0)):
+                shares.append(float(np.sqrt(np.mean(self.loop.error[inside, k] ** 2))) / moved)
+        return max(shares, default=None)
+
+    @property
     def units(self) -> dict[str, str]:
         """Units of the tracking errors."""
         return {name: self.rig.display[item.output].unit for name, item in self.windows.items()}
@@ -95,7 +108,7 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
                 smooth |= {piece.name} if piece.excitation.kind in SMOOTH else set()
     if not windows:
         several = len(loop.tracked) > 1
-        names = {k: f"whole, {rig.system.outputs[k].name}" if several else "whole" for k in loop.tracked}
+        names = {k: f"whole run, {rig.system.outputs[k].name}" if several else "whole run" for k in loop.tracked}
         windows = {name: Window(output=k, start=0.0, stop=float(time[-1])) for k, name in names.items()}
     known = np.isfinite(loop.reference) & (time >= 0.0)[:, None]
     windows = {

@@ -14,6 +14,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 ENOUGH = 0.01
 """Share of missed commands up to which a machine is fast enough: where the diagnostics begin to warn."""
+FOLLOWED = 0.5
+"""Error as a share of the reference's movement (both RMS) up to which a rig follows: one that stood still has 1."""
 LARGEST_BAG = 500_000_000
 """Bytes of a bag that is read at once."""
 PERCENTILES = {"p50": "median", "p99": "99 %", "max": "longest"}
@@ -39,6 +41,10 @@ class RunSummary:
     """Error of each part of the reference (RMSE), with its unit."""
     untracked: str = "not recorded: --bag FOLDER records the run"
     """Why there is none."""
+    share: float | None = None
+    """Error over the whole run as a share of the reference's movement; None where the reference does not move."""
+    restarts: int = 0
+    """How often the controller was started again: what it counts is of the last one."""
     bag: Path | None = None
 
     @classmethod
@@ -68,6 +74,8 @@ class RunSummary:
             | ({"at rest for want of commands": count} if (count := plant.get("command_timeouts")) else {}),
             tracking={} if section is None else {n: f"{v:.3f} {section.units[n]}" for n, v in section.rmse.items()},
             untracked=untracked,
+            share=None if section is None else section.share,
+            restarts=controller.get("restarts", 0),
             bag=bag,
         )
 
@@ -85,12 +93,13 @@ class RunSummary:
         shares = [f"{name} {100.0 * count / total:.3g} %" for name, count in self.layers.items()]
         times = [f"{name} {count} time{'' if count == 1 else 's'}" for name, count in self.failsafe.items()]
         parts = [f"{name.replace('_', ' ')} {error}" for name, error in self.tracking.items()]
+        last = f" (since its last restart, of {self.restarts})" if self.restarts else ""
         return {
-            "tracking": f"{', '.join(parts)} (RMSE)" if parts else self.untracked,
+            "tracking": f"{', '.join(parts)} (RMSE){self._followed}" if parts else self.untracked,
             "delay": f"{delays} ms ({names})" if delays else "not measured",
             "missed": f"{self.missed} of {self.measurements} commands: {self._judgement}",
-            "layers": ", ".join(shares) or "no command",
-            "failsafe": ", ".join(times) or "never",
+            "layers": (", ".join(shares) or "no command") + last,
+            "failsafe": (", ".join(times) or "never") + last,
             "bag": str(self.bag or "none"),
         }
 
@@ -104,7 +113,17 @@ class RunSummary:
             "fast_enough": self.fast_enough,
             "layers": dict(self.layers),
             "failsafe": dict(self.failsafe),
+            "tracking_share": None if self.share is None else round(self.share, 4),
+            "controller_restarts": self.restarts,
         }
+
+    @property
+    def _followed(self) -> str:
+        """Whether the rig followed, in words."""
+        if self.share is None:
+            return ""
+        verb = "follows" if self.share <= FOLLOWED else "does NOT follow"
+        return f": the rig {verb} its reference (error {100.0 * self.share:.2g} % of the reference's movement)"
 
     @property
     def _judgement(self) -> str:

@@ -37,13 +37,18 @@ def composed(values: Mapping[str, Mapping[str, Any]], file: Path, *, rig: str, n
     """The command that starts nodes in one process. Their parameters are written to a file, since ROS has no other way
     to give a parameter to one of several nodes. Raises UserError as command() does.
     """
+    file.write_text(parameter_text({node: _checked(rig, node, given) for node, given in values.items()}), "utf-8")
+    words = _beginning(COMPOSED, "--nodes", *values, rig=rig, namespace=namespace)
+    return [*words, "--params-file", str(file)]
+
+
+def parameter_text(values: Mapping[str, Mapping[str, Any]]) -> str:
+    """A parameter file for nodes by name, in whatever namespace: `-p NODE:NAME:=VALUE` reaches none that is in one."""
     lines = []
     for node, given in values.items():
         lines += [f"/**/{node}:", "  ros__parameters:"]
-        lines += [f"    {name}: {json.dumps(value)}" for name, value in _checked(rig, node, given).items()]
-    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    words = _beginning(COMPOSED, "--nodes", *values, rig=rig, namespace=namespace)
-    return [*words, "--params-file", str(file)]
+        lines += [f"    {name}: {json.dumps(value)}" for name, value in given.items()]
+    return "\n".join(lines) + "\n"
 
 
 def module(name: str, *arguments: str) -> list[str]:

@@ -274,8 +274,11 @@ class Session:
                     child.words.add(REPORTED)
                 self.diagnostics[said.pop("node")] = said
         elif stream == "stdout":
-            child.words.add(line)
-            if line == "may move":  # of a controller, after "at rest"
+            word, why, _ = line.partition(": ")
+            if why:
+                self._tell(f"{child.node}: {line}")
+            child.words.add(word)
+            if word == "may move":  # of a controller, after "at rest"
                 child.words.discard("at rest")
         elif line:
             child.complaint = line

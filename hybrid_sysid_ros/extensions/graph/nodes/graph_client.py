@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.middleware import prepare_middleware
+from hybrid_sysid_ros.nodes.parameters import OF_QUALITY
 from hybrid_sysid_ros.support import errors, yaml_text
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -81,6 +82,7 @@ class GraphClient:
             offered = {name.rsplit("/", 1)[-1] for name in self._triggers() if name.startswith(f"{namespace}/")}
             raise self._missing(f"no node{_in(namespace)} offers the service {service}", service, offered)
         _check_one({name.rsplit("/", 2)[0] for name in found}, f"the service {service} is offered")
+        found.sort(key=lambda name: not name.endswith(f"/plant/{name.rsplit('/', 1)[-1]}"))  # the others follow the rig
         answers = [(name, self._ask(Trigger, name, Trigger.Request(), timeout)) for name in found]
         return [{"service": name, "done": answer.success, "message": answer.message} for name, answer in answers]
 
@@ -93,7 +95,7 @@ class GraphClient:
         answer.
         """
         full, known = self._parameters_of(node, names, namespace, timeout)
-        chosen = list(names) or [name for name in known if not name.startswith("qos_overrides.")]
+        chosen = list(names) or [name for name in known if not name.startswith(OF_QUALITY)]
         answer = self._ask(GetParameters, f"{full}/get_parameters", GetParameters.Request(names=chosen), timeout)
         described = self._descriptors(full, chosen, timeout)
         parameters = [
@@ -198,7 +200,8 @@ class GraphClient:
         known = sorted(answer.result.names)
         for name in names:
             if name not in known:
-                raise UserError(f"{found[0]} has no parameter {name}: {errors.known(name, known)}")
+                own = [item for item in known if not item.startswith(OF_QUALITY)]
+                raise UserError(f"{found[0]} has no parameter {name}: {errors.known(name, own)}")
         return found[0], known
 
     def _descriptors(self, full: str, names: list[str], timeout: float) -> list[Any]:
