@@ -101,6 +101,8 @@ def command(
         _show(found, content)
         if page is not None:
             console.print(f"report: {page}")
+    for doubt in found.doubts:
+        status.print(f"warning: {doubt}")
     if found.contradictions:
         status.print(f"warning: {', and '.join(found.contradictions)}: {found.cure}")
 
@@ -152,6 +154,7 @@ def _content(found: Accuracy, wanted: list[dict[str, Any]], strata: Strata | Non
             "p_spread": _known(conflict.spread),
             "contradictions": found.contradictions,
         },
+        "doubts": found.doubts,
         "further_shots": wanted,
     }
     content["declared"] = {name: _known(value) for name, value in content["declared"].items()}

@@ -41,7 +41,7 @@ def command(
     ] = None,
     live: Annotated[int, typer.Option(help="Number of shots of the rig.", min=3, max=10_000)] = 10,
     simulated: Annotated[
-        int, typer.Option(help="Number of simulated shots of the model, and of the prior.", min=10)
+        int, typer.Option(help="Number of simulated shots of the model, and of the prior.", min=50)
     ] = 100,
     plants: Annotated[int, typer.Option(help="Number of plants drawn from the uncertainties.", min=10)] = 200,
     mean_off: Annotated[

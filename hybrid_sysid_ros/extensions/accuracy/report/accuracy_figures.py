@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 from scipy import stats
 
 from hybrid_sysid_ros.extensions.accuracy.statistics import Accuracy, NormalInverseWishart, mean_width, spread_width
 from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import fewest
-from hybrid_sysid_ros.report.charts import MEASURED, MODEL, REFERENCE, dress, line, logarithmic, panels
+from hybrid_sysid_ros.report.charts import BOUND, MEASURED, MODEL, REFERENCE, dress, line, logarithmic, panels
 from hybrid_sysid_ros.support.arrays import Array
 
 AHEAD = 2.0
 """How far the widths of intervals are predicted, as a multiple of the live shots."""
+SHOWN = 500
+"""Shots of a kind in a plot of their order, besides outliers."""
 
 
 def impacts(found: Accuracy) -> go.Figure:
@@ -52,7 +55,7 @@ def sequence(found: Accuracy, coordinate: int) -> go.Figure:
     """Widths of the intervals of a coordinate's mean and spread, as the shots came and as they are predicted."""
     figure = panels(heights=[0.5, 0.5], height=460)
     shots, level = found.live.values, found.level
-    nothing = NormalInverseWishart.reference(shots.shape[1])
+    nothing = NormalInverseWishart.reference(shots.shape[1]).of_each_alone
     counts = np.arange(fewest(shots.shape[1]), len(shots) + 1)
     further = np.unique(np.linspace(0, max(AHEAD * len(shots), 10.0), 40).astype(int))
     for row, width in enumerate((mean_width, spread_width), 1):
@@ -72,6 +75,39 @@ def sequence(found: Accuracy, coordinate: int) -> go.Figure:
         figure.update_yaxes(title=f"width, {name}{f' [{unit}]' if unit else ''}", row=row, col=1, secondary_y=False)
     figure.update_yaxes(visible=False, secondary_y=True)
     figure.update_xaxes(title="live shots", row=2, col=1)
+    return figure
+
+
+def assumed(found: Accuracy, coordinate: int) -> go.Figure:
+    """A coordinate in the order of the shots, and over the quantiles of a normal distribution, live above simulated;
+    outliers are marked.
+    """
+    figure = make_subplots(
+        rows=2, cols=2, column_widths=[0.6, 0.4], vertical_spacing=0.14, horizontal_spacing=0.1,
+        column_titles=["in the order of the shots", "against a normal distribution"],
+    )  # fmt: skip
+    dress(figure, 440)
+    figure.update_layout(margin_t=64)
+    unit = found.live.units[coordinate]
+    for row, (part, colour) in enumerate(zip(found.assumptions, (MEASURED, REFERENCE), strict=True), start=1):
+        values = part.shots.values[:, coordinate]
+        shown = np.unique(np.r_[np.arange(0, len(values), max(1, len(values) // SHOWN)), part.outliers].astype(int))
+        outside = np.isin(shown, part.outliers)
+        kept = np.delete(values, part.outliers)
+        quantiles = stats.norm.ppf((stats.rankdata(values, method="ordinal") - 0.375) / (len(values) + 0.25))
+        marker = {"color": np.where(outside, BOUND, colour), "size": np.where(outside, 10, 5)}
+        for column, x in ((1, shown + 1), (2, quantiles[shown])):
+            dots = go.Scatter(x=x, y=values[shown], mode="markers", marker=marker, showlegend=False)
+            figure.add_trace(dots, row=row, col=column)
+        ends = np.array([quantiles.min(), quantiles.max()])
+        normal = kept.mean() + kept.std(ddof=1) * ends
+        straight = {"color": MODEL, "width": 1.2}
+        figure.add_trace(go.Scatter(x=ends, y=normal, mode="lines", line=straight, showlegend=False), row=row, col=2)
+        name = "live" if row == 1 else "simulated"
+        figure.update_yaxes(title=f"{name}{f' [{unit}]' if unit else ''}", row=row, col=1)
+    figure.update_xaxes(title="shot", row=2, col=1)
+    figure.update_xaxes(title="quantile [standard deviations]", row=2, col=2)
+    figure.update_layout(hovermode="closest")
     return figure
 
 

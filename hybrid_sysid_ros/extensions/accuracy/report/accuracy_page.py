@@ -65,6 +65,7 @@ def write_accuracy(path: Path | str, found: Accuracy, provenance: Provenance, re
         "sequences": [
             (name, drawn(accuracy_figures.sequence(found, k), f"sequence-{k}")) for k, name in enumerate(names)
         ],
+        "assumed": [(name, drawn(accuracy_figures.assumed(found, k), f"assumed-{k}")) for k, name in enumerate(names)],
         "remarks": remarks,
         "provenance": provenance,
         "hashes": provenance.hashes,

@@ -1,5 +1,6 @@
 """Accuracy from simulated and live shots: what a simulation told, as far as it is believed, and what shots tell."""
 
+from hybrid_sysid_ros.extensions.accuracy.statistics.assumptions import Assumptions, assumptions
 from hybrid_sysid_ros.extensions.accuracy.statistics.discrepancy import Conflict, Discrepancy, conflict
 from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import (
     Accuracy,
@@ -17,6 +18,7 @@ from hybrid_sysid_ros.extensions.accuracy.statistics.strata import Strata
 __all__ = [
     "Accuracy",
     "AccuracyEstimate",
+    "Assumptions",
     "Bounded",
     "Conflict",
     "Discrepancy",
@@ -24,6 +26,7 @@ __all__ = [
     "Shots",
     "Strata",
     "assess",
+    "assumptions",
     "conflict",
     "estimate",
     "fewest",

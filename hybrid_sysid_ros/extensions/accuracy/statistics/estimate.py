@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from hybrid_sysid_ros.extensions.accuracy.statistics.assumptions import Assumptions, assumptions
 from hybrid_sysid_ros.extensions.accuracy.statistics.circular_error import circular_error_probable
 from hybrid_sysid_ros.extensions.accuracy.statistics.discrepancy import Conflict, Discrepancy, conflict
 from hybrid_sysid_ros.extensions.accuracy.statistics.normal_inverse_wishart import NormalInverseWishart
@@ -18,8 +19,10 @@ DRAWS = 20_000
 """Of the covariance, for what has no closed form."""
 FEWEST = 3
 """Live shots: two have no spread to speak of."""
-MOST = 20
-"""Coordinates."""
+MOST = 8
+"""Coordinates for which the coverage was measured."""
+SIMULATED = 50
+"""Simulated shots for which it was, where their spread may be off."""
 CONTRADICTED = 0.05
 """p-value below which live shots contradict what was declared of their simulation."""
 LEVELS = 0.01, 0.999
@@ -57,11 +60,12 @@ class AccuracyEstimate:
 
 
 def estimate(
-    posterior: NormalInverseWishart, level: float, generator: np.random.Generator, *, circle: bool
+    posterior: NormalInverseWishart, level: float, generator: np.random.Generator, *, circle: bool, alone: bool = False
 ) -> AccuracyEstimate:
     """Medians and central intervals of probability ``level``; the last two from DRAWS draws of the covariance.
 
-    circle: whether to tell the circular error probable, which needs two coordinates of one unit.
+    circle: whether to tell the circular error probable, which needs two coordinates of one unit. alone: whether the
+    posterior is of shots alone.
     """
     tails = [0.5 - 0.5 * level, 0.5, 0.5 + 0.5 * level]
 
@@ -69,13 +73,14 @@ def estimate(
         return Bounded(low=float(low), value=float(value), high=float(high))
 
     d = posterior.coordinates
-    means, spreads = posterior.mean_interval(level), posterior.spread_interval(level)
+    marginal = posterior.of_each_alone if alone else posterior
+    means, spreads = marginal.mean_interval(level), marginal.spread_interval(level)
     drawn = posterior.covariances(DRAWS, generator) if d > 1 else np.empty((0, 1, 1))
     pairs = {(i, j): drawn[:, i, j] / np.sqrt(drawn[:, i, i] * drawn[:, j, j]) for i, j in combinations(range(d), 2)}
     return AccuracyEstimate(
         posterior=posterior,
         mean=tuple(map(bounded, means[0], posterior.centre, means[1])),
-        spread=tuple(map(bounded, spreads[0], posterior.spread(), spreads[1])),
+        spread=tuple(map(bounded, spreads[0], marginal.spread(), spreads[1])),
         correlation={pair: bounded(*np.quantile(values, tails)) for pair, values in pairs.items()},
         circular_error=bounded(*np.quantile(circular_error_probable(drawn), tails)) if circle else None,
     )
@@ -94,6 +99,13 @@ class Accuracy:
     live_only: AccuracyEstimate
     simulated_only: AccuracyEstimate
     conflict: Conflict
+    assumptions: tuple[Assumptions, Assumptions]
+    """Of the live and of the simulated shots."""
+
+    @property
+    def doubts(self) -> list[str]:
+        """What speaks against the assumptions, a sentence each."""
+        return [sentence for part in self.assumptions for sentence in part.sentences]
 
     @property
     def contradictions(self) -> list[str]:
@@ -148,14 +160,19 @@ def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: fl
                 f"{shots.name}: {len(shots.values)} shots: {d} coordinates need {least} at least; fire or simulate more"
             )
         shots.check_spread()
+    if discrepancy.spread and len(simulated.values) < SIMULATED:
+        raise UserError(
+            f"{simulated.name}: {len(simulated.values)} shots: a spread that may be off needs {SIMULATED} simulated "
+            "ones at least; simulate more"
+        )
     nothing = NormalInverseWishart.reference(d)
     known = nothing.updated(simulated.values)
     prior = discrepancy.weaken(known)
     generator = np.random.default_rng(seed)
     circle = d == 2 and len({*live.units}) == 1
 
-    def summary(posterior: NormalInverseWishart) -> AccuracyEstimate:
-        return estimate(posterior, level, generator, circle=circle)
+    def summary(posterior: NormalInverseWishart, *, alone: bool = False) -> AccuracyEstimate:
+        return estimate(posterior, level, generator, circle=circle, alone=alone)
 
     return Accuracy(
         live=live,
@@ -164,7 +181,8 @@ def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: fl
         level=level,
         prior=prior,
         joint=summary(prior.updated(live.values)),
-        live_only=summary(nothing.updated(live.values)),
-        simulated_only=summary(known),
+        live_only=summary(nothing.updated(live.values), alone=True),
+        simulated_only=summary(known, alone=True),
         conflict=conflict(prior, live.values, generator),
+        assumptions=(assumptions(live, generator), assumptions(simulated, generator)),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -34,6 +34,13 @@ class NormalInverseWishart:
         """Nothing known, p ~ |covariance|^(-(d + 1) / 2): shots alone then tell everything."""
         centre, scale = np.zeros(coordinates), np.zeros((coordinates, coordinates))
         return cls(centre=centre, strength=0.0, scale=scale, degrees=-1.0)
+
+    @property
+    def of_each_alone(self) -> NormalInverseWishart:
+        """Shots alone, whose intervals of each coordinate are then those that it has without the others: Student's t
+        and chi2 with n - 1 degrees of freedom for n - d.
+        """
+        return replace(self, degrees=self.degrees + self.coordinates - 1)
 
     @property
     def coordinates(self) -> int:

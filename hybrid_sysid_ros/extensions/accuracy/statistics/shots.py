@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,8 +17,8 @@ import numpy as np
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-LARGEST = 1 << 28
-"""Bytes of a file."""
+LARGEST = 1 << 25
+"""Bytes of a file, and of what is in an archive: a million shots of two coordinates, and some hundred MB to read."""
 LONGEST = 1e60
 """Largest number; the product of two variances is one too."""
 TEXT = "a column of numbers for each coordinate, as text in UTF-8"
@@ -159,6 +160,13 @@ def _csv(path: Path, *, row: str) -> dict[str, Any]:
 
 def _npz(path: Path) -> dict[str, Any]:
     with path.open("rb") as file:
+        if zipfile.is_zipfile(file):
+            unpacked = sum(item.file_size for item in zipfile.ZipFile(file).infolist())
+            if unpacked > LARGEST:
+                raise UserError(
+                    f"{path}: its arrays take {unpacked >> 20} MiB, more than {LARGEST >> 20}: write fewer shots"
+                )
+        file.seek(0)
         content = np.load(file, allow_pickle=False)
         arrays = dict(content) if isinstance(content, Mapping) else {"": content}
     table = next(iter(arrays.values()), np.empty(0))

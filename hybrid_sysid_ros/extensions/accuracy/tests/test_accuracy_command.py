@@ -73,7 +73,7 @@ def test_the_page_shows_every_number_and_needs_no_network(accuracy, folder: Path
         "28, 58, 14",
     ):
         assert word in page
-    assert page.count('class="plotly-graph-div"') == 3
+    assert page.count('class="plotly-graph-div"') == 5
     places = re.findall(r' id="([^"]*)"', page.rpartition("</head>")[2])
     assert len(places) == len({*places})
     assert "src=" not in page.split("</script>")[-1]
@@ -173,6 +173,29 @@ def test_a_file_that_is_none_is_refused_with_what_it_needs(accuracy, folder: Pat
     _, _, error = answer = accuracy("simulated.csv", name, *DECLARED)
     refused(answer, name)
     assert any(word in error for word in ("for each coordinate", "a row for each shot")), error
+
+
+def test_an_archive_is_refused_by_what_it_would_take(accuracy, folder: Path):
+    """A small one of zeros unpacks to more than is read."""
+    np.savez_compressed(folder / "bad.npz", x=np.zeros(1 << 22), y=np.zeros(1 << 22))
+    assert (folder / "bad.npz").stat().st_size < 1 << 17
+    refused(accuracy("simulated.csv", "bad.npz", *DECLARED), "bad.npz", "64 MiB, more than 32")
+
+
+def test_an_outlier_is_told_of_and_changes_nothing(accuracy, folder: Path):
+    values = read_shots("live.csv").values
+    values[2, 1] += 50.0
+    table("spoilt.csv", folder, values)
+    status, out, error = accuracy("simulated.csv", "spoilt.csv", *DECLARED, "--json")
+    assert status == 0
+    assert "spoilt.csv: shot 3 is an outlier (y of shot 3 is +" in error
+    assert json.loads(out)["live_only"]["mean"]["y"]["value"] == pytest.approx(values[:, 1].mean())
+
+
+def test_a_spread_that_may_be_off_needs_simulated_shots(accuracy, folder: Path):
+    table("few.csv", folder, read_shots("simulated.csv").values[:40])
+    refused(accuracy("few.csv", "live.csv", *DECLARED), "few.csv", "40 shots", "50 simulated ones")
+    assert accuracy("few.csv", "live.csv", "--mean-off", "0.5", "--spread-off", "0")[0] == 0
 
 
 def test_pickled_shots_are_refused(accuracy, folder: Path):

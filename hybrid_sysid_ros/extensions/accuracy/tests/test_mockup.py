@@ -69,7 +69,7 @@ def test_a_shot_repeats_by_its_number_whatever_was_fired_before(sled, exact):
 
 def test_shots_of_a_model_that_is_the_rig_do_not_contradict_it(sled, exact):
     given = {"rig": sled, "model": exact, "schedule": sled.schedule()}
-    simulated = runs(Range(seed=0, predicted=True, **given), 40)
+    simulated = runs(Range(seed=0, predicted=True, **given), 50)
     live = runs(Range(seed=1, **given), 12)
     found = assess(simulated.shots("simulated"), live.shots("live"), Discrepancy(mean=0.2, spread=0.1))
     assert not found.contradictions
@@ -82,7 +82,7 @@ def test_a_rig_that_something_pulls_is_found_out(sled, exact):
     """The actuator ends at 20 N: more than that no controller makes up for."""
     given = {"model": exact, "schedule": sled.schedule()}
     weak = tuple(dataclasses.replace(item, low=-6.0, high=1.0) for item in sled.actuators)
-    simulated = runs(Range(rig=sled, seed=0, predicted=True, **given), 30)
+    simulated = runs(Range(rig=sled, seed=0, predicted=True, **given), 50)
     live = runs(Range(rig=dataclasses.replace(sled, actuators=weak), seed=1, **given), 8)
     found = assess(simulated.shots("simulated"), live.shots("live"), Discrepancy(mean=0.2, spread=0.1))
     assert found.contradictions
@@ -112,14 +112,14 @@ def test_parameters_are_drawn_by_their_covariance_and_kept_in_their_bounds(exact
 @pytest.mark.slow
 def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, monkeypatch):
     mockup = partial(call, app.main, "hybrid-sysid", "mockup", str(sled.folder), "--out", str(tmp_path / "out"))
-    counts = ("--live", "5", "--simulated", "10", "--plants", "10", "--jobs", "1")
+    counts = ("--live", "5", "--simulated", "50", "--plants", "10", "--jobs", "1")
     status, _, error = mockup(*counts)
     assert status == 0, error
     reported = json.loads((tmp_path / "out" / "verdict.json").read_text())
     assert reported["structure"] == "hybrid"
     prior, model = (reported["errors"][name]["swept_sine"]["position"] for name in ("prior", "hybrid"))
     assert model < 0.5 * prior
-    assert [reported["shots"][name]["count"] for name in ("prior", "simulated", "live", "uncertain")] == [10, 10, 5, 10]
+    assert [reported["shots"][name]["count"] for name in ("prior", "simulated", "live", "uncertain")] == [50, 50, 5, 10]
     assert reported["kept"] == all(line["kept"] for line in reported["verdict"])
     assert any("sine ends within 60 mm" in line["criterion"] for line in reported["verdict"])
     real = Setup.of(sled, 0).reality.named
