@@ -23,7 +23,7 @@ from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCu
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals
 from hybrid_sysid_ros.library.models import identify
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import parse
 from hybrid_sysid_ros.report.sections import stages_of
@@ -42,8 +42,8 @@ def command(
     structure: terminal.StructureName = "hybrid",
     option: terminal.StructureOptions = None,
     input_handling: terminal.InputHandlingOption = "averaged",
-    step: terminal.StepOption = 0.005,
-    period: terminal.Period = 0.05,
+    step: terminal.StepOption = None,
+    period: terminal.Period = None,
     part: terminal.PartText = "0:1",
     seed: terminal.Seed = 0,
     signals: terminal.SignalsFile = None,
@@ -64,8 +64,8 @@ def command(
         check_file(report, suffix=".html")
     other = load_model(beside, rig=rig) if beside is not None else None
     speeds = speeds_of(other) if other is not None else None
-    sampling = Sampling(step=step, period=period, input=input_handling)
     described = load_rig(rig)
+    sampling = terminal.sampling_of(described, step, period, input_handling)
     records = read_records(bag, rig, signals, recover, read_period, sampling)
     with status.status("compiling") as spinner:
 

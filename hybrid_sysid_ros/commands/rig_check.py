@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import Json, RigPlace, console, end, print_table
-from hybrid_sysid_ros.rigs.check import check, step_responses
+from hybrid_sysid_ros.rigs.check import MOST_STEPS, check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration, preflight
 from hybrid_sysid_ros.support.arrays import Array
@@ -28,16 +28,23 @@ SHOWN = 6
 
 def command(
     rig: RigPlace,
-    seconds: Annotated[float, typer.Option(help="Length of the step responses [s].", min=1e-3)] = 2.0,
+    seconds: Annotated[
+        float, typer.Option(help="Length of the step responses [s]; 0: two seconds, or 25 to 20000 steps.", min=0.0)
+    ] = 0.0,
     as_json: Json = False,
 ) -> None:
     """Check a rig's equations, sensors, limits, signals and node parameters, and show its step response."""
     described = load(rig)
     findings = check(described)
-    problems = [*findings.problems, *_values(described)]
+    loop = preflight.of_rig(described)
+    without = not described.content.get("nodes")
+    problems = [*findings.problems, *(() if without else loop), *_sections(described)]
     unread = [name for name in described.content if name not in targets("sections")]
     remarks = [*findings.remarks, *(f"{name}: no extension that reads it is installed" for name in unread)]
-    responses = None if findings.problems else step_responses(described, seconds=seconds, samples=SAMPLES)
+    if without and loop:
+        remarks.append(f"no section nodes: a rig for identification alone; a loop would need: {loop[0]}")
+    shown = seconds or _usual_seconds(described.step)
+    responses = None if findings.problems else step_responses(described, seconds=shown, samples=SAMPLES)
     if as_json:
         found = {"rig": described.name, "folder": str(described.folder), "problems": problems, "remarks": remarks}
         console.print(json.dumps(found | {"step_responses": _content(described, responses)}, indent=2))
@@ -50,6 +57,11 @@ def command(
         print_table(_responses(described, *responses))
     end(problems)
     console.print(f"{described.name}: no problems")
+
+
+def _usual_seconds(step: float) -> float:
+    """Two seconds, but no fewer steps than are shown, and no more than take a moment."""
+    return min(max(2.0, SAMPLES * step), MOST_STEPS * step)
 
 
 def _facts(rig: Rig) -> Table:
@@ -70,9 +82,9 @@ def _facts(rig: Rig) -> Table:
     return table
 
 
-def _values(rig: Rig) -> list[str]:
-    """What is wrong with the values of nodes, and with the sections of policies, demo and extensions."""
-    problems = preflight.of_rig(rig)
+def _sections(rig: Rig) -> list[str]:
+    """What is wrong with the sections of policies, demo and extensions."""
+    problems = list[str]()
     made: tuple[tuple[str, Callable[[], Any]], ...] = (
         ("policy_training", lambda: configuration.spread_of(rig)),
         ("demo", lambda: _demo(rig)),
@@ -94,7 +106,8 @@ def _of_extension(target: str, rig: Rig) -> None:
 def _demo(rig: Rig) -> None:
     from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe  # takes a second
 
-    DemoRecipe.of(rig).places(rig)
+    if rig.content["demo"].keys() != {"step", "period"}:  # which are those of fits, also without a demo
+        DemoRecipe.of(rig).places(rig)
 
 
 def _content(rig: Rig, responses: StepResponses | None) -> dict[str, Any] | None:

@@ -11,7 +11,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hybrid_sysid_ros.models import InputHandling, structure_names
+from hybrid_sysid_ros.library.arguments import given_sampling
+from hybrid_sysid_ros.models import InputHandling, Sampling, structure_names
 from hybrid_sysid_ros.rigs import folder
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -70,8 +71,19 @@ InputHandlingOption = Annotated[
     InputHandling,
     typer.Option("--input", help="How the model takes its input: the mean over each step, or one reading a period."),
 ]
-StepOption = Annotated[float, typer.Option(help="Integration step [s].")]
-Period = Annotated[float, typer.Option(help="Time between fitted samples [s].")]
+StepOption = Annotated[
+    float | None, typer.Option("--step", help="Integration step [s]; by default that of the rig's file, or 0.005.")
+]
+Period = Annotated[
+    float | None,
+    typer.Option("--period", help="Time between fitted samples [s]; by default that of the rig's file, or 0.05."),
+]
+
+
+def sampling_of(rig: Rig, step: float | None, period: float | None, handling: InputHandling) -> Sampling:
+    """The sampling of options, the rest as the rig's file says. Raises UserError for values that can't be."""
+    given = {name: value for name, value in (("step", step), ("period", period)) if value is not None}
+    return given_sampling({**given, "input": handling}, rig)
 
 
 def print_table(table: Table) -> None:

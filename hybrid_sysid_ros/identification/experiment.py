@@ -17,7 +17,9 @@ from hybrid_sysid_ros.support.errors import UserError
 
 __all__ = ["PreparedRecord", "ResampledRecord", "check_range", "prepare", "rates", "resample"]
 SMOOTHING_SECONDS = 0.051
-"""Window of the Savitzky-Golay velocity (order 3): 51 samples at 1 kHz."""
+"""Window of the Savitzky-Golay velocity (order 3): 51 samples at 1 kHz, and of faster records no more samples, unless
+the period between scored samples is longer."""
+SMOOTHING_SAMPLES = 51
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,7 +87,7 @@ def resample(record: Record, sampling: Sampling) -> ResampledRecord:
         sampling=sampling,
         inputs=np.ascontiguousarray(inputs),
         outputs=np.ascontiguousarray(record.output[::every][:samples]),
-        rates=rates(record)[::every][:samples],
+        rates=rates(record, sampling.period)[::every][:samples],
         means=np.concatenate([means, means[-1:]]),
         measured=None if record.measured is None else record.measured[::every][:samples],
     )
@@ -112,9 +114,10 @@ def check_range(experiment: PreparedRecord, system: System) -> None:
         )
 
 
-def rates(record: Record) -> Array:
-    """Rates of change of the outputs (samples, outputs) by Savitzky-Golay: window 51 ms, order 3."""
-    window = max(5, round(SMOOTHING_SECONDS / record.sampling_time) // 2 * 2 + 1)
+def rates(record: Record, period: float = SMOOTHING_SECONDS) -> Array:
+    """Rates of change of the outputs (samples, outputs) by Savitzky-Golay of order 3. period: of scored samples."""
+    seconds = min(SMOOTHING_SECONDS, max(period, SMOOTHING_SAMPLES * record.sampling_time))
+    window = max(5, round(seconds / record.sampling_time) // 2 * 2 + 1)
     if len(record.time) <= window:
         raise UserError(f"{record.name}: {len(record.time)} samples are fewer than the {window} that a velocity needs")
     return np.asarray(savgol_filter(record.output, window, 3, deriv=1, delta=record.sampling_time, axis=0))

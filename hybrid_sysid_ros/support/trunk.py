@@ -13,7 +13,7 @@ SECTIONS = (
 NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
     "ensemble": ("ensemble",), "export": ("model export", "policy export"), "friction_atlas": ("friction",),
-    "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import",),
+    "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
     "recurrent": ("recurrent",), "search": ("search",), "trim": ("trim",),

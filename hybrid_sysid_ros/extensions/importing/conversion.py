@@ -17,7 +17,6 @@ from hybrid_sysid_ros.bags.series import SECOND
 from hybrid_sysid_ros.extensions.importing.grid import CleanStamps, SampleGrid, clean_stamps, grid_of
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, rig_factor
-from hybrid_sysid_ros.extensions.importing.readers import readable
 from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -35,9 +34,7 @@ def records_of(file: LogFile, mapping: ImportMapping, rig: Rig) -> tuple[list[Re
     the rig can't have.
     """
     mapping.check(rig, f"{file.path}: mapping")
-    with readable(file.path):
-        columns = file.read(mapping.columns)
-    return _Conversion(file.path, mapping, rig, columns).records()
+    return _Conversion(file.path, mapping, rig, file.read(mapping.columns)).records()
 
 
 class _Conversion:
@@ -112,8 +109,7 @@ class _Conversion:
                 unit = self.mapping.time.seconds
                 self.stamps[column] = clean_stamps(unit * self.columns[column], self.what(column))
             else:
-                times = self.mapping.time.period * np.arange(samples, dtype=np.float64)
-                self.stamps[column] = CleanStamps(rows=np.arange(samples), times=times, notes=[])
+                self.stamps[column] = row_times(self.mapping.time.period, samples)
         return self.stamps[column]
 
     def values(self, name: str, column: SignalColumn) -> tuple[Array, Array]:
@@ -172,6 +168,11 @@ class _Conversion:
         inside, result = mean.known(), mean.result()
         found[inside] = result[inside]
         return found
+
+
+def row_times(period: float, samples: int) -> CleanStamps:
+    """Times of the rows of a file without times. period: [s]."""
+    return CleanStamps(rows=np.arange(samples), times=period * np.arange(samples, dtype=np.float64), notes=[])
 
 
 def write_records(records: Sequence[Record], rig: Rig, out: Path, *, made_by: str, replace_old: bool) -> list[Path]:

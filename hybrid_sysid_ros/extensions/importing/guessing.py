@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 
+import numpy as np
+
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn, ratio
@@ -74,7 +76,7 @@ def guessed(
                 f"{file.path}: no column {column!r} for {name}; it has {', '.join(list(file.columns)[:30])}"
             )
     free = [item for item in file.columns.values() if item.name not in given.values()]
-    time, free = _time(file, free, given, units, period)
+    time, free = time_of(file, free, given, units, period)
     found, open_ones = dict(given), list[Question]()
     while left := [item for item in items if item.name not in found]:
         ranked = {item.name: _ranked(item, rig, free, items) for item in left}
@@ -111,34 +113,36 @@ def guessed(
     )
 
 
-def _time(
+def time_of(
     file: LogFile, free: list[LogColumn], given: Mapping[str, str], units: Mapping[str, str], period: float
 ) -> tuple[TimeColumn | str, list[LogColumn]]:
-    """The times, or why there are none, and the columns that are left."""
+    """The times, or why there are none, and the columns that are left.
+
+    given, units: the user's column and unit of "time", where they are there. period: of the samples [s], or 0.
+    """
     stamped = [name for name in dict.fromkeys(item.time for item in file.columns.values()) if name]
-    words = {column.name: _words(column.name) for column in free}
+    words = {column.name: {*words_of(column.name)} for column in free}
     likely = [
-        column
-        for column in free
-        if column.name in stamped or (set(words[column.name]) & set(TIMES) and _is_time(column))
+        column for column in free if column.name in stamped or (words[column.name] & {*TIMES} and _is_time(column))
     ]
-    likely.sort(
-        key=lambda column: (
-            column.name not in stamped,
-            TIMES.index(next(iter(set(words[column.name]) & set(TIMES)), TIMES[-1])),
-        )
-    )
-    left = [column for column in free if column not in likely and not set(words[column.name]) & set(PERIODS)]
+
+    def rank(column: LogColumn) -> tuple[bool, int]:
+        return column.name not in stamped, min(map(TIMES.index, words[column.name] & {*TIMES}), default=0)
+
+    periods = [column for column in free if words[column.name] & {*PERIODS}]
+    left = [column for column in free if column not in likely and column not in periods]
+    name = given.get("time") or next((column.name for column in sorted(likely, key=rank)), "")
+    if not (name or period) and periods:
+        values = file.read([periods[0].name])[periods[0].name]
+        period = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
     if period:
         return TimeColumn(period=period), left
-    name = given.get("time") or (likely[0].name if likely else "")
     if not name:
         return (
             f"{file.path}: no column is a time; name it (--column time=COLUMN), or give the sampling time (--period)"
         ), left
     unit = units.get("time") or file.columns[name].unit or _suffix(name, ("ms", "us", "ns", "min", "h")) or "s"
-    unit = {"sec": "s", "seconds": "s", "µs": "us"}.get(unit, unit)
-    return TimeColumn(column=name, unit=unit), left
+    return TimeColumn(column=name, unit={"sec": "s", "seconds": "s", "µs": "us"}.get(unit, unit)), left
 
 
 def _is_time(column: LogColumn) -> bool:
@@ -170,7 +174,7 @@ def _score(item: Variable, column: LogColumn, *, is_input: bool, alone: bool) ->
         except UserError:
             if named(column.unit) is not None and named(item.unit) is not None:
                 return -1.0
-    mine, its = _words(item.name), _words(column.name)
+    mine, its = words_of(item.name), words_of(column.name)
     if "".join(mine) == "".join(its):
         return 1.0
     score = 0.45 * SequenceMatcher(None, "".join(mine), "".join(its)).ratio()
@@ -184,7 +188,7 @@ def _score(item: Variable, column: LogColumn, *, is_input: bool, alone: bool) ->
     return min(score + bonus, 0.99)
 
 
-def _words(name: str) -> list[str]:
+def words_of(name: str) -> list[str]:
     """The words of a name in small letters, without units at its end."""
     plain = re.sub(r"[\[(].*", "", name.rsplit("/", 1)[-1].rsplit(".", 1)[-1])
     return [word.lower() for word in _WORD.findall(plain)]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError, known
+from hybrid_sysid_ros.support.errors import Interrupted, UserError, known
 
 LARGEST = 1 << 28
 """Most numbers that are read of one file, 2 GiB of them. A file with more is refused before memory is taken."""
@@ -53,10 +54,11 @@ class LogFile(ABC):
             if name not in self.columns:
                 raise UserError(f"{self.path}: no column {name!r}: {known(name, self.columns)}")
         self.check_size(sum(self.columns[name].samples for name in wanted))
-        return {
-            name: np.ascontiguousarray(values, dtype=np.float64).ravel()
-            for name, values in self._values(wanted).items()
-        }
+        with readable(self.path):
+            return {
+                name: np.ascontiguousarray(values, dtype=np.float64).ravel()
+                for name, values in self._values(wanted).items()
+            }
 
     def check_size(self, count: int) -> None:
         """Raise UserError for more numbers than :data:`LARGEST`."""
@@ -64,7 +66,29 @@ class LogFile(ABC):
 
     @abstractmethod
     def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
-        """Columns by name. What the library raises for a damaged file becomes a UserError outside."""
+        """Columns by name; what the library raises for a damaged file becomes a UserError."""
+
+
+class JoinedFile(LogFile):
+    """Several files of one record, such as of two devices; columns are named FILE.COLUMN, without the file's suffix."""
+
+    def __init__(self, files: Sequence[LogFile]) -> None:
+        """Raises UserError for two files of one name."""
+        stems = [file.path.stem for file in files]
+        if twins := {stem for stem in stems if stems.count(stem) > 1}:
+            raise UserError(f"{files[0].path}: two files are called {min(twins)}; rename one")
+        self._places = {f"{file.path.stem}.{name}": (file, name) for file in files for name in file.columns}
+        super().__init__(
+            files[0].path,
+            [
+                replace(file.columns[name], name=joined, time=time and f"{file.path.stem}.{time}")
+                for joined, (file, name) in self._places.items()
+                for time in [file.columns[name].time]
+            ],
+        )
+
+    def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
+        return {name: file.read([own])[own] for name in names for file, own in [self._places[name]]}
 
 
 def check_size(path: Path, count: int) -> None:
@@ -74,3 +98,17 @@ def check_size(path: Path, count: int) -> None:
             f"{path}: holds {count:.3g} numbers, {count * 8 / 2**30:.1f} GiB in memory, and at most "
             f"{LARGEST * 8 >> 30} GiB are read at once; cut the file, or take every n-th sample"
         )
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Around a library that reads a file: turn what it raises into a UserError of one line."""
+    try:
+        yield
+    except (UserError, Interrupted, ModuleNotFoundError):
+        raise
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except Exception as error:  # the libraries may raise anything for a damaged file
+        words = " ".join(str(error).split())[:150] or type(error).__name__
+        raise UserError(f"{path}: is damaged, or of another kind than its name says ({words})") from error

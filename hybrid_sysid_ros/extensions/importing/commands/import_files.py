@@ -13,11 +13,12 @@ from rich.table import Table
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.extensions.importing.commands.options import ColumnNames, ColumnUnits, OtherFiles, pairs
 from hybrid_sysid_ros.extensions.importing.conversion import records_of, write_records
 from hybrid_sysid_ros.extensions.importing.guessing import Question, guessed
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile
 from hybrid_sysid_ros.extensions.importing.mapping import FILE, ImportMapping
-from hybrid_sysid_ros.extensions.importing.readers import open_log
+from hybrid_sysid_ros.extensions.importing.readers import open_joined
 from hybrid_sysid_ros.rigs import folder
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -31,6 +32,7 @@ def command(
     out: Annotated[Path, typer.Option("--out", help="Folder for the bags, which are called as their files.")] = Path(
         "bags"
     ),
+    also: OtherFiles = None,
     mapping: Annotated[
         Path | None,
         typer.Option(
@@ -38,16 +40,8 @@ def command(
             "import.yaml in the folder of your own rig, and in the folder of the bags for a rig of a package."
         ),
     ] = None,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--column", metavar="SIGNAL=COLUMN", help="Column of a signal, or of time=COLUMN, instead of a guess."
-        ),
-    ] = None,
-    unit: Annotated[
-        list[str] | None,
-        typer.Option("--unit", metavar="SIGNAL=UNIT", help="Unit of a signal's column, such as angle=deg."),
-    ] = None,
+    column: ColumnNames = None,
+    unit: ColumnUnits = None,
     period: Annotated[
         float, typer.Option(help="Sampling time [s] of files in which no column has the times.", min=0.0)
     ] = 0.0,
@@ -63,8 +57,10 @@ def command(
     for name in names:
         check_folder(out / name, marker=bags.markers(out / name), replace=overwrite)
     place = mapping or _usual_place(described, out)
-    given, units = _pairs(column, "--column"), _pairs(unit, "--unit")
-    log_files = [open_log(file) for file in files]
+    given, units = pairs(column, "--column"), pairs(unit, "--unit")
+    if also and len(files) > 1:
+        raise UserError("--also joins files with one other; import one record at a time")
+    log_files = [open_joined(file, also or ()) for file in files]
     known = place.exists() and not (given or units or period)
     if known:
         chosen = ImportMapping.load(place)
@@ -93,17 +89,6 @@ def command(
 
 def _usual_place(rig: Rig, out: Path) -> Path:
     return out / FILE if rig.name in folder.names() else rig.folder / FILE
-
-
-def _pairs(given: list[str] | None, option: str) -> dict[str, str]:
-    """Values by name. Raises UserError for a text without "="."""
-    found = dict[str, str]()
-    for text in given or ():
-        name, equals, value = text.partition("=")
-        if not (name and equals and value):
-            raise UserError(f"{option} {text}: write it as SIGNAL=VALUE, such as {option} position=x")
-        found[name] = value
-    return found
 
 
 def _asked(question: Question) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from hybrid_sysid_ros.extensions.importing.log_file import LogFile
-from hybrid_sysid_ros.support.errors import Interrupted, UserError
+from hybrid_sysid_ros.extensions.importing.log_file import JoinedFile, LogFile, readable
+from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 
 READERS = {
@@ -17,6 +16,11 @@ READERS = {
 """Module and class by the end of a file's name."""
 EXTRA = "import"
 """Extra of the package that has the readers' libraries."""
+
+
+def open_joined(path: Path, others: Sequence[Path]) -> LogFile:
+    """A file, or it and the others that are of the same record. Raises UserError as :func:`open_log` does."""
+    return JoinedFile([open_log(item) for item in (path, *others)]) if others else open_log(path)
 
 
 def open_log(path: Path) -> LogFile:
@@ -32,17 +36,3 @@ def open_log(path: Path) -> LogFile:
     with extra(EXTRA), readable(path):
         found: LogFile = getattr(import_module(f"{__name__}.{module}"), name)(path)
     return found
-
-
-@contextmanager
-def readable(path: Path) -> Iterator[None]:
-    """Around a library that reads a file: turn what it raises into a UserError of one line."""
-    try:
-        yield
-    except (UserError, Interrupted, ModuleNotFoundError):
-        raise
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except Exception as error:  # the libraries may raise anything for a damaged file
-        words = " ".join(str(error).split())[:150] or type(error).__name__
-        raise UserError(f"{path}: is damaged, or of another kind than its name says ({words})") from error

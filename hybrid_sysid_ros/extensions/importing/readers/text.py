@@ -38,6 +38,8 @@ class TextForm:
     units: tuple[str, ...]
     moments: frozenset[str]
     """Columns with dates and times of day."""
+    trailing: bool
+    """Whether each line ends in a delimiter."""
 
 
 class TextFile(LogFile):
@@ -66,10 +68,11 @@ class TextFile(LogFile):
             return dict(zip(names, table.T, strict=True))
         import polars
 
+        trailing = {"": polars.String} if self.form.trailing else {}
         kinds = {name: polars.String if name in self.form.moments else polars.Float64 for name in self.form.names}
         rows = polars.scan_csv(
             self.path, separator=self.form.delimiter, decimal_comma=self.form.comma, has_header=False,
-            skip_rows=self.form.skipped, schema=kinds, null_values=MISSING, ignore_errors=True,
+            skip_rows=self.form.skipped, schema=kinds | trailing, null_values=MISSING, ignore_errors=True,
             encoding="utf8-lossy", truncate_ragged_lines=True, glob=False,
         )  # fmt: skip
         moments = [
@@ -96,13 +99,13 @@ def form_of(lines: Sequence[str], path: Path) -> TextForm:
             continue
         if delimiter == "," and _is_decimal(rows, first):
             continue  # a single column with commas for decimal signs
-        return _form(rows, first, delimiter)
+        return _form(rows, first, delimiter, trailing)
     raise UserError(
         f"{path}: no row of numbers is found in its first {min(len(lines), MOST_LINES)} lines: is it a table?"
     )
 
 
-def _form(rows: list[list[str]], first: int, delimiter: str) -> TextForm:
+def _form(rows: list[list[str]], first: int, delimiter: str, trailing: bool) -> TextForm:
     count, data = len(rows[first]), rows[first:]
     comma = delimiter != "," and any("," in cell and not _MOMENT.match(cell) for row in data for cell in row)
     above = [row for row in rows[:first] if len(row) == count and sum(map(bool, row)) > 0.5 * count]
@@ -120,8 +123,9 @@ def _form(rows: list[list[str]], first: int, delimiter: str) -> TextForm:
             names[k] = f"{names[k]}_{taken[names[k]]}"
     moments = frozenset(name for k, name in enumerate(names) if _MOMENT.match(data[0][k]))
     return TextForm(
-        delimiter=delimiter, comma=comma, skipped=first, names=tuple(names), units=tuple(units), moments=moments
-    )
+        delimiter=delimiter, comma=comma, skipped=first, names=tuple(names), units=tuple(units), moments=moments,
+        trailing=trailing,
+    )  # fmt: skip
 
 
 def _begins(rows: list[list[str]], k: int) -> bool:

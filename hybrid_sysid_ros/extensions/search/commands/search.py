@@ -16,7 +16,7 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, TrialResult, search, trial_name
 from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, opened_study
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.models import Options, Sampling
+from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import UserError
@@ -49,8 +49,8 @@ def command(
     out: Annotated[Path | None, typer.Option("--out", help="Folder for a model with the best options.")] = None,
     rig: terminal.RigName = "",
     input_handling: terminal.InputHandlingOption = "averaged",
-    step: terminal.StepOption = 0.005,
-    period: terminal.Period = 0.05,
+    step: terminal.StepOption = None,
+    period: terminal.Period = None,
     part: terminal.PartText = "0:1",
     seed: terminal.Seed = 0,
     signals: terminal.SignalsFile = None,
@@ -65,10 +65,11 @@ def command(
     """
     if out is not None:
         check_folder(out, marker="model.yaml", replace=overwrite)
-    sampling = Sampling(step=step, period=period, input=input_handling)
+    described = load_rig(rig)
+    sampling = terminal.sampling_of(described, step, period, input_handling)
     objective = Objective(
         records=read_records(bag, rig, signals, recover, read_period, sampling),
-        rig=load_rig(rig),
+        rig=described,
         structure=structure,
         sampling=sampling,
         part=Part.parse(part),

@@ -1,0 +1,77 @@
+"""hybrid-sysid rig from: a rig for identification out of a record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.extensions.importing.commands.options import ColumnNames, ColumnUnits, OtherFiles, pairs
+from hybrid_sysid_ros.extensions.importing.generated_rig import made_rig, roles
+from hybrid_sysid_ros.extensions.importing.guessing import time_of
+from hybrid_sysid_ros.extensions.importing.log_file import LogFile
+from hybrid_sysid_ros.extensions.importing.mapping import FILE
+from hybrid_sysid_ros.extensions.importing.readers import open_joined
+from hybrid_sysid_ros.rigs.folder import SYSTEM, VALUES, check_name
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import written_folder
+
+
+def command(
+    file: Annotated[Path, typer.Argument(help="A record of the rig.")],
+    folder: Annotated[Path, typer.Argument(help="Folder to make; its name is the rig's.")],
+    inputs: Annotated[
+        list[str] | None,
+        typer.Option("--input", metavar="COLUMN", help="Column of an input; for several, repeat it."),
+    ] = None,
+    outputs: Annotated[
+        list[str] | None,
+        typer.Option("--output", metavar="COLUMN", help="Column of an output; for several, repeat it."),
+    ] = None,
+    also: OtherFiles = None,
+    column: ColumnNames = None,
+    unit: ColumnUnits = None,
+    period: Annotated[float, typer.Option(help="Sampling time [s] where no column has the times.", min=0.0)] = 0.0,
+) -> None:
+    """Write a rig's folder out of a record, for identification alone: signals, units, limits, the step of fits, and a
+    linear equation of second order for each output, which you may replace by the physics.
+    """
+    check_name(folder)
+    log, given, units = open_joined(file, also or ()), pairs(column, "--column"), pairs(unit, "--unit")
+    _check_columns(
+        log, [*(inputs or ()), *(outputs or ()), *given.values(), *(name for name in units if name != "time")]
+    )
+    if strange := [name for name in given if name != "time"]:
+        raise UserError(f"--column {strange[0]}: only time=COLUMN; name the others by --input and --output")
+    time, free = time_of(log, list(log.columns.values()), given, units, period)
+    if isinstance(time, str):
+        raise UserError(time)
+    chosen_in, chosen_out = roles([item for item in free if item.name != time.column], inputs or (), outputs or ())
+    for kind, chosen in (("input", chosen_in), ("output", chosen_out)):
+        if not chosen:
+            raise UserError(
+                f"{file}: which columns are {kind}s? name each: --{kind} COLUMN; the columns are "
+                f"{', '.join(list(log.columns)[:30])}"
+            )
+    if both := {*chosen_in} & {*chosen_out}:
+        raise UserError(f"{file}: {min(both)} is an input and an output; take one of them away")
+    made = made_rig(folder.resolve().name, log, time, chosen_in, chosen_out, units)
+    with written_folder(folder, marker=VALUES, replace=False) as partial:
+        (partial / SYSTEM).write_text(made.system, encoding="utf-8")
+        (partial / VALUES).write_text(made.values, encoding="utf-8")
+        made.mapping.save(partial / FILE, f"Columns of log files as signals of the rig {folder.resolve().name}.")
+    place = (
+        folder if folder.is_absolute() or str(folder).startswith((".", "~")) or "/" in str(folder) else f"./{folder}"
+    )
+    console.print(f"inputs: {', '.join(chosen_in)}; outputs: {', '.join(chosen_out)}; fits in steps of {made.step:g} s")
+    console.print(f"{place}: {SYSTEM}, {VALUES} and {FILE}")
+    console.print(f"next: hybrid-sysid rig check {place}")
+    others = "".join(f" --also {item}" for item in also or ())
+    console.print(f"      hybrid-sysid import {file}{others} --rig {place} --out bags")
+
+
+def _check_columns(log: LogFile, names: list[str]) -> None:
+    if unknown := [name for name in names if name not in log.columns]:
+        raise UserError(f"{log.path}: no column {unknown[0]!r}; it has {', '.join(list(log.columns)[:30])}")

@@ -1,0 +1,267 @@
+"""A rig for identification alone, made of a record: signals with units and limits, and equations to begin with."""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import yaml
+
+from hybrid_sysid_ros.extensions.importing.conversion import row_times
+from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
+from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS, words_of
+from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
+from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
+from hybrid_sysid_ros.rigs.units import named
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.yaml_text import Dumper
+
+ROOM = 0.25
+"""Share of an input's span by which its limits lie outside of the record."""
+BAND = 0.99
+"""Share of the output's variance below the frequency that sets the time scale of the equations."""
+PER_PERIOD, FEWEST = 20.0, 300
+"""Steps of a fit in a period of that frequency, and fewest steps in the record."""
+FARTHEST = 1000.0
+"""Bounds of a parameter, in its first value."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeSignal:
+    """An input or output of the rig that is made."""
+
+    name: str
+    column: LogColumn
+    unit: str
+    """Of the rig: SI where the column's unit is known."""
+    factor: float
+    """Of the rig's unit per unit of the column."""
+    values: Array
+    """At the samples, (samples,) [unit of the rig]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeRig:
+    """The texts of the files of a rig, and the mapping of its record."""
+
+    system: str
+    values: str
+    mapping: ImportMapping
+    step: float
+    """Step and period of fits [s]."""
+
+
+def roles(columns: Sequence[LogColumn], inputs: Sequence[str], outputs: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of the columns that are inputs and outputs: those given, or else those whose names say so."""
+    words = {column.name: {*words_of(column.name)} for column in columns if column.name not in (*inputs, *outputs)}
+    found_in = list(inputs) or [name for name, its in words.items() if its & {*INPUTS} and not its & {*OUTPUTS}]
+    found_out = list(outputs) or [name for name, its in words.items() if its & {*OUTPUTS} and name not in found_in]
+    left = [name for name in words if name not in (*found_in, *found_out)]
+    if len(left) == 1 and bool(found_in) != bool(found_out):
+        (found_out if found_in else found_in).append(left[0])
+    return found_in, found_out
+
+
+def made_rig(
+    name: str, file: LogFile, time: TimeColumn, inputs: Sequence[str], outputs: Sequence[str], units: dict[str, str]
+) -> MadeRig:
+    """A rig of these columns. units: of columns, where the file states none or a wrong one.
+
+    Raises UserError for columns that are constant or no numbers, and times that are none.
+    """
+    chosen = [*inputs, *outputs]
+    times = [column for column in (time.column, *(file.columns[item].time for item in chosen)) if column]
+    columns = file.read([*chosen, *times])
+    first = file.columns[outputs[0]].time or time.column
+    stamps = (
+        clean_stamps(time.seconds * columns[first], f"{file.path}: {first}")
+        if first
+        else row_times(time.period, len(columns[outputs[0]]))
+    )
+    grid = grid_of(stamps, f"{file.path}: {first or 'time'}")
+    names = _names(chosen)
+    signals = []
+    for item in chosen:
+        column = file.columns[item]
+        own = column.time or time.column
+        at = clean_stamps(time.seconds * columns[own], f"{file.path}: {own}") if own else stamps
+        values = columns[item][at.rows[at.rows < len(columns[item])]]
+        known = np.isfinite(values)
+        if not known.any() or np.ptp(values[known]) == 0.0:
+            raise UserError(
+                f"{file.path}: {item} holds no number, or always the same; leave it out (--input, --output)"
+            )
+        unit = units.get(item, column.unit)
+        si, factor = _si(unit)
+        sampled = np.interp(grid.times, at.times[: len(values)][known], factor * values[known])
+        signals.append(MadeSignal(name=names[item], column=column, unit=si, factor=factor, values=sampled))
+    made_inputs, made_outputs = signals[: len(inputs)], signals[len(inputs) :]
+    step, band = _time_scale(made_outputs, grid.period)
+    mapping = ImportMapping(
+        time=time,
+        inputs={item.name: _column(item, time, units) for item in made_inputs},
+        outputs={item.name: _column(item, time, units) for item in made_outputs},
+    )
+    return MadeRig(
+        system=_system_text(name, file, made_inputs, made_outputs, grid.period, step, band),
+        values=_values_text(file, made_inputs, made_outputs, step, units),
+        mapping=mapping,
+        step=step,
+    )
+
+
+def _column(item: MadeSignal, time: TimeColumn, units: dict[str, str]) -> SignalColumn:
+    own = item.column.time if item.column.time != time.column else ""
+    return SignalColumn(column=item.column.name, unit=units.get(item.column.name, item.column.unit), time=own)
+
+
+def _names(columns: Sequence[str]) -> dict[str, str]:
+    """A name for each column that Python and messages take."""
+    found = dict[str, str]()
+    for column in columns:
+        plain = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", column), flags=re.ASCII).strip("_").lower()
+        plain = f"signal_{plain}" if not plain or plain[0].isdigit() or keyword.iskeyword(plain) else plain
+        while plain in found.values() or plain in ("x", "u", "law", "states", "inputs", "outputs", "stepper", "self"):
+            plain += "_signal"
+        found[column] = plain
+    return found
+
+
+def _si(unit: str) -> tuple[str, float]:
+    """The SI unit, and how much of it one is; a unit that nobody knows is kept."""
+    found = named(unit) if unit else None
+    if found is None or found.factor == 1.0:
+        return unit or "1", 1.0
+    return found.base + ("" if not found.per else "/s" if found.per == 1 else f"/s^{found.per}"), found.factor
+
+
+def _time_scale(outputs: Sequence[MadeSignal], period: float) -> tuple[float, float]:
+    """Step of fits [s], a multiple of the samples', and the frequency [Hz] below which the outputs vary."""
+    samples = len(outputs[0].values)
+    bands = []
+    for item in outputs:
+        power = np.abs(np.fft.rfft(item.values - item.values.mean())) ** 2
+        share = np.cumsum(power) / power.sum()
+        bands.append(np.fft.rfftfreq(samples, period)[int(np.argmax(share >= BAND))])
+    band = min(max(*bands, 2.0 / (samples * period)), 0.3 / period)
+    every = max(1, min(int(1.0 / (PER_PERIOD * band * period)), samples // FEWEST))
+    return every * period, float(band)
+
+
+def _equation(output: Array, inputs: Sequence[Array], every: int, step: float, band: float) -> tuple[float, ...]:
+    """First values (gains, offset, time constant [s], damping ratio) of T^2 y'' = g u + c - y - 2 d T y': two past
+    samples by least squares, or an aperiodic response of the time scale where these are no stable system.
+    """
+    wide = max(every, round(every / step / (8.0 * band)))
+    us = [values[: len(values) // wide * wide].reshape(-1, wide).mean(axis=1) for values in inputs]
+    y, seconds = output[::wide][: len(us[0])], wide * step / every
+    rows = np.column_stack([y[1:-1], y[:-2], *(u[1:-1] for u in us), *(u[:-2] for u in us), np.ones(len(y) - 2)])
+    found = np.linalg.lstsq(rows, y[2:], rcond=None)[0]
+    poles = np.log(np.roots([1.0, -found[0], -found[1]]).astype(complex)) / seconds
+    squared, rest = float(np.real(poles[0] * poles[1])), 1.0 - found[0] - found[1]
+    if np.isfinite(poles).all() and (poles.real < 0).all() and abs(poles).max() < 1.5 / step and squared > 0:
+        constant = 1.0 / np.sqrt(squared)
+        damping = float(-np.real(poles.sum())) * constant / 2.0
+        gains = [float(found[2 + k] + found[2 + len(us) + k]) / rest for k in range(len(us))]
+    else:
+        constant, damping = 1.0 / (2.0 * np.pi * band), 0.7
+        gains = [float(np.cov(y, u)[0, 1] / max(float(np.var(u)), 1e-12)) for u in us]
+    offset = float(y.mean() - sum(gain * u.mean() for gain, u in zip(gains, us, strict=True)))
+    return (*gains, offset, float(constant), damping)
+
+
+def _system_text(
+    name: str, file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], period: float, step: float,
+    band: float,
+) -> str:  # fmt: skip
+    several = len(outputs) > 1 or len(inputs) > 1
+    states, fields, rates = [], [], []
+    for item in outputs:
+        states += [f'"{item.name} [{item.unit}]"', f'"{item.name}_rate [{item.unit}/s]"']
+        *values, offset, constant, damping = _equation(
+            item.values, [u.values for u in inputs], round(step / period), step, band
+        )
+        size = max(float(np.ptp(item.values)), abs(float(item.values.mean())))
+        terms = []
+        for k, (u, value) in enumerate(zip(inputs, values, strict=True)):
+            field = f"{item.name}_per_{u.name}" if several else "gain"
+            terms.append(f"self.{field} * u[{k}]")
+            most = FARTHEST * max(abs(value), 1e-3 * size / max(float(np.ptp(u.values)), 1e-12))
+            unit = item.unit if u.unit == "1" else f"{item.unit}/({u.unit})"
+            fields.append(_field(field, value, -most, most, unit, f"{item.name} per {u.name}, at rest."))
+        own = f"{item.name}_" if several else ""
+        most = FARTHEST * max(abs(offset), 1e-3 * size)
+        shortest, longest = max(constant / FARTHEST, step / 2.0), FARTHEST * constant
+        fields += [
+            _field(f"{own}offset", offset, -most, most, item.unit, f"{item.name} at rest without an input."),
+            _field(f"{own}time_constant", constant, shortest, longest, "s", "1 / the natural frequency [rad/s]."),
+            _field(f"{own}damping", damping, damping / FARTHEST, FARTHEST * damping, "1", "Damping ratio."),
+        ]
+        pull = " + ".join([*terms, f"self.{own}offset"])
+        slow = f"2.0 * self.{own}damping * self.{own}time_constant * {item.name}_rate"
+        rates += [f"{item.name}_rate", f"({pull} - {item.name} - {slow}) / self.{own}time_constant**2"]
+    names = "".join(f"{item.name}, {item.name}_rate, " for item in outputs).removesuffix(", ")
+    return f'''"""{name}: equations to begin with, made of {file.path.name}; replace them by the physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hybrid_sysid_ros.core import RungeKutta, System, bounded
+
+
+@dataclass(frozen=True, kw_only=True)
+class {"".join(part.capitalize() for part in name.split("_"))}(System):
+    """T^2 y'' = gain u + offset - y - 2 damping T y', for each output y; T is the time constant."""
+
+    states = ({", ".join(states)})
+    inputs = ({", ".join(f'"{item.name} [{item.unit}]"' for item in inputs)},)
+    outputs = ({", ".join(f'"{item.name}"' for item in outputs)},)
+    stepper = RungeKutta()
+
+    # value, lowest, highest
+{"".join(fields)}
+    def law(self, x, u):
+        """Rates of the states."""
+        {names} = x
+        return (
+            {f",{chr(10)}            ".join(rates)},
+        )
+'''
+
+
+def _field(name: str, value: float, low: float, high: float, unit: str, words: str) -> str:
+    text = f'    """{words}"""\n' if words else ""
+    return f'    {name}: float = bounded({value:.4g}, {low:.3g}, {high:.3g}, unit="{unit}")\n{text}'
+
+
+def _values_text(
+    file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], step: float, units: dict[str, str]
+) -> str:
+    sensors, actuators = {}, {}
+    for item in outputs:
+        shown = (
+            {} if item.factor == 1.0 else {"unit": units.get(item.column.name, item.column.unit), "scale": item.factor}
+        )
+        second = np.abs(np.diff(item.values / item.factor, 2))
+        noise = float(np.median(second) / (0.6745 * np.sqrt(6.0)))
+        sensors[item.name] = {**shown, **({"white_noise": float(f"{noise:.3g}")} if noise > 0.0 else {})}
+    for item in inputs:
+        low, high, room = item.values.min(), item.values.max(), ROOM * np.ptp(item.values)
+        actuators[item.name] = {"low": float(f"{low - room:.3g}"), "high": float(f"{high + room:.3g}")}
+    content = {
+        "step": step, "sensors": {name: value for name, value in sensors.items() if value}, "actuators": actuators,
+        "demo": {"step": step, "period": step},
+    }  # fmt: skip
+    text = yaml.dump(
+        {key: value for key, value in content.items() if value}, Dumper=Dumper, sort_keys=False, default_flow_style=None
+    )
+    return (
+        f"# Made of {file.path.name}: a rig for identification alone; docs/guides/rig-file.md describes all sections.\n"
+        "# actuators: the record's limits and a quarter more; put the real ones. demo: step and period [s] of fits.\n"
+        f"# Where the motion ends, say so: travel: {{STATE: [low, high]}}.\n{text}"
+    )

@@ -1,0 +1,91 @@
+"""A rig that is made of a record identifies the equation behind it, at any time scale."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+import hybrid_sysid_ros as hs
+from hybrid_sysid_ros.commands import app
+from tests.command_line import refused
+
+GAIN, OFFSET, PERIODS, DAMPING = 2.0, 0.5, 12.5, 0.3
+"""Of y / (rest of it); the time constant is so many sampling times."""
+
+
+@pytest.fixture
+def program(call):
+    return partial(call, app.main, "hybrid-sysid")
+
+
+def response(period: float, samples: int = 1500):
+    """Times, input and output of the equation under held random steps, with a little noise."""
+    random, constant = np.random.default_rng(0), PERIODS * period
+    law = np.array([[0.0, 1.0], [-(constant**-2), -2 * DAMPING / constant]]), np.array([[0.0], [constant**-2]])
+    a, b, *_ = cont2discrete((*law, np.eye(2), np.zeros((2, 1))), period)
+    inputs, state, outputs = np.repeat(random.uniform(-1, 1, samples // 40 + 1), 40)[:samples], np.zeros(2), []
+    for u in inputs:
+        outputs.append(state[0])
+        state = a @ state + b[:, 0] * (GAIN * u + OFFSET)
+    return period * np.arange(samples), inputs, np.array(outputs) + 0.002 * random.normal(size=samples)
+
+
+def written(path, period: float, header: str) -> str:
+    np.savetxt(path, np.column_stack(response(period)), delimiter=",", header=header, comments="", fmt="%.12g")
+    return str(path)
+
+
+@pytest.mark.parametrize("period", [3600.0, 1.0, 1.0 / 610.35, 1e-5])
+def test_the_equation_is_found_at_any_time_scale(program, tmp_path, monkeypatch, period):
+    monkeypatch.chdir(tmp_path)
+    file, name = written(tmp_path / "log.csv", period, "time,heater [mV],temperature [K]"), f"oven_{round(1 / period)}"
+    assert program("rig", "from", file, f"./{name}")[0] == 0
+    rig = hs.load_rig(f"./{name}")
+    assert [str(item) for item in (*rig.system.inputs, *rig.system.outputs)] == ["heater [V]", "temperature [K]"]
+    first = dict(rig.system.named)
+    assert first["gain"] == pytest.approx(1000 * GAIN, rel=0.05)  # K/V
+    assert first["time_constant"] == pytest.approx(PERIODS * period, rel=0.1)
+    assert first["damping"] == pytest.approx(DAMPING, abs=0.05)
+    if period != 3600.0:
+        return
+    status, out, error = program("rig", "check", f"./{name}")
+    assert (status, "no problems" in out) == (0, True), error
+    assert program("import", file, "--rig", f"./{name}")[0] == 0
+    model = hs.identify(hs.read_bag("bags/log", rig), rig, "gray", part=(0, 0.6))
+    assert model.parameters["gain"] == pytest.approx(1000 * GAIN, rel=2e-3)
+    assert model.parameters["offset"] == pytest.approx(OFFSET, abs=2e-3)
+    assert model.parameters["time_constant"] == pytest.approx(PERIODS * period, rel=2e-3)
+    assert model.parameters["damping"] == pytest.approx(DAMPING, abs=2e-3)
+
+
+def test_two_files_of_one_record_are_joined(program, tmp_path, monkeypatch):
+    """As public benchmarks are kept: a column each, without times."""
+    monkeypatch.chdir(tmp_path)
+    _, inputs, outputs = response(0.02, 400)
+    for name, column in (("X", inputs), ("Y", outputs)):
+        np.savetxt(f"{name}.txt", column, header='"x"', comments="")
+    joined = ("X.txt", "--also", "Y.txt", "--input", "X.x", "--output", "Y.x", "--period", "0.02")
+    assert program("rig", "from", "X.txt", "./drives", *joined[1:])[0] == 0
+    assert program("import", "X.txt", "--also", "Y.txt", "--rig", "./drives")[0] == 0
+    record = hs.read_bag("bags/X", "./drives")
+    np.testing.assert_allclose(record.output[:, 0], outputs)
+    np.testing.assert_allclose(record.input[:-1, 0], inputs[:-1])
+
+
+@pytest.mark.parametrize(
+    ("header", "arguments", "words"),
+    [
+        ("time,a,b", (), ("which columns are inputs",)),
+        ("a,u,y", (), ("no column is a time",)),
+        ("time,u,y", ("--input", "z"), ("no column 'z'",)),
+        ("time,u,y", ("--input", "u", "--output", "u"), ("u is an input and an output",)),
+        ("time,u,y", ("--column", "u=y"), ("only time=COLUMN",)),
+    ],
+)
+def test_doubtful_columns_are_asked(program, tmp_path, header, arguments, words):
+    file = written(tmp_path / "log.csv", 0.01, header)
+    refused(program("rig", "from", file, str(tmp_path / "made"), *arguments), *words)
+    assert not (tmp_path / "made").exists()
