@@ -16,6 +16,7 @@ from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.report.figures import horizons, residual_tests
 from hybrid_sysid_ros.report.rendering import seconds, significant
 from hybrid_sysid_ros.report.sections import TESTS
+from hybrid_sysid_ros.report.verdict import verdict
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Excitation, multisine
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -262,6 +263,18 @@ def test_the_report_says_of_a_run_what_the_terminal_does(section, model, tmp_pat
     for name, words in run.lines.items():
         assert f"{name} {words}" in page
     assert "recorded misses" not in page
+    assert "TOO SLOW, which spoils these numbers" in page
+
+
+def test_a_report_begins_with_a_judgement_of_model_and_loop(section):
+    lowest = min(run.scores.r2 for run in section.runs if run.seen is False)
+    found = verdict(section, report.RunSummary(missed=0, measurements=9, share=0.02), "The shipped policy drove it.")
+    assert f"R² of at least {lowest:.3f}" in found["model"]
+    assert found["loop"].startswith("The shipped policy drove it. The rig follows its reference")
+    failed = report.RunSummary(missed=0, measurements=9, share=0.8, failsafe={"resting": 2})
+    assert "does NOT follow" in verdict(section, failed, "")["loop"]
+    assert "resting 2" in verdict(section, failed, "")["loop"]
+    assert verdict(section, None, "").keys() == {"model"}
 
 
 def test_provenance_names_command_versions_and_hashes(text, first):

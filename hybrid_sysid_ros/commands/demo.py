@@ -135,9 +135,10 @@ def demo(
         "run": run.content,
     }
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
+    driver = "A policy of this model drove it." if train else "The shipped policy drove it, on the shipped model."
     called = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
     sections = report.identification_section(model, records.tests), section
-    report.write_report(out / "report.html", *sections, report.provenance(model, called), run)
+    report.write_report(out / "report.html", *sections, report.provenance(model, called), run, driver)
     if not quiet:
         print_table(_table(summary))
         print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})

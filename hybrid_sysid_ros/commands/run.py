@@ -67,7 +67,7 @@ def command(
 
         def progress(seconds: float, expected: float) -> None:
             if expected:
-                update(f"{reference or 'reference'}, seconds", int(seconds), int(expected))
+                update(f"{reference or 'reference'}, seconds", min(int(seconds), int(expected)), int(expected))
 
         outcome = Run(
             rig=rig,

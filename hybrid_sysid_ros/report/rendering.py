@@ -15,6 +15,7 @@ from hybrid_sysid_ros.report.further import further_sections
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.report.sections import FREE, FreeRunSection, IdentificationSection, Provenance
+from hybrid_sysid_ros.report.verdict import verdict
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.files import written_file
 
@@ -43,8 +44,10 @@ def write_report(
     closed_loop: ClosedLoopSection | None,
     provenance: Provenance,
     summary: RunSummary | None = None,
+    driver: str = "",
 ) -> Path:
     """Write the report; an older one is replaced once the new one is whole. summary: of the run that made the loop.
+    driver: a sentence on who drove it.
 
     Raises UserError where plotly or jinja2 is not installed, or the place cannot be written.
     """
@@ -54,6 +57,7 @@ def write_report(
         "part": identification_content(identification),
         "closed": None if closed_loop is None else closed_content(closed_loop),
         "summary": summary,
+        "verdict": verdict(identification, summary, driver),
         "further": [
             {
                 "name": name,

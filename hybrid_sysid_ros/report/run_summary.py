@@ -95,7 +95,9 @@ class RunSummary:
         parts = [f"{name.replace('_', ' ')} {error}" for name, error in self.tracking.items()]
         last = f" (since its last restart, of {self.restarts})" if self.restarts else ""
         return {
-            "tracking": f"{', '.join(parts)} (RMSE){self._followed}" if parts else self.untracked,
+            "tracking": f"{', '.join(parts)} (RMSE){self.followed and f': {self.followed}'}"
+            if parts
+            else self.untracked,
             "delay": f"{delays} ms ({names})" if delays else "not measured",
             "missed": f"{self.missed} of {self.measurements} commands: {self._judgement}",
             "layers": (", ".join(shares) or "no command") + last,
@@ -118,12 +120,12 @@ class RunSummary:
         }
 
     @property
-    def _followed(self) -> str:
-        """Whether the rig followed, in words."""
+    def followed(self) -> str:
+        """Whether the rig followed its reference, in words; "" where that is not known."""
         if self.share is None:
             return ""
         verb = "follows" if self.share <= FOLLOWED else "does NOT follow"
-        return f": the rig {verb} its reference (error {100.0 * self.share:.2g} % of the reference's movement)"
+        return f"rig {verb} its reference (error {100.0 * self.share:.2g} % of the reference's movement)"
 
     @property
     def _judgement(self) -> str:
