@@ -351,7 +351,7 @@ def test_a_loop_in_simulated_time_shows_its_turnaround(section, model, tmp_path)
 def test_another_reference_is_judged_as_a_whole():
     loop = loop_of()
     other = dataclasses.replace(loop, reference=1.5 * loop.reference)
-    assert list(report.closed_loop_section(other).windows) == ["whole"]
+    assert list(report.closed_loop_section(other).windows) == ["whole run"]
     short = report.closed_loop_section(loop_of(duration=8.0))
     assert list(short.windows) == ["steps"]
 
