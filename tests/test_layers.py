@@ -42,6 +42,7 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "dask": re.compile(r"support/cluster\.py"),
     "distributed": re.compile(r"support/cluster\.py"),
     "onnx": re.compile(r"extensions/export/onnx_graph\.py"),
+    **dict.fromkeys(("asammdf", "h5py", "nptdms", "pyulog"), re.compile(r"extensions/importing/readers/\w+\.py")),
     "polars": re.compile(r"extensions/importing/readers/\w+\.py"),
     "plotly": re.compile(r"(extensions/\w+/)?report/.*"),
     "mcp": re.compile(r"extensions/commander/language/server\.py"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import yaml
@@ -74,9 +74,11 @@ def made_rig(
     Raises UserError for columns that are constant or no numbers, and times that are none.
     """
     chosen = [*inputs, *outputs]
+    if (own := file.columns[outputs[0]].time) and time.column:
+        time = replace(time, column=own)
     times = [column for column in (time.column, *(file.columns[item].time for item in chosen)) if column]
     columns = file.read([*chosen, *times])
-    first = file.columns[outputs[0]].time or time.column
+    first = time.column
     stamps = (
         clean_stamps(time.seconds * columns[first], f"{file.path}: {first}")
         if first

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 
 import numpy as np
@@ -99,6 +99,9 @@ def guessed(
     if problems:
         raise UserErrors(problems)
     assert isinstance(time, TimeColumn)
+    own = file.columns[found[rig.system.outputs[0].name]].time
+    if own and not period and "time" not in given:
+        time = replace(time, column=own)
 
     def column_of(name: str) -> SignalColumn:
         column = file.columns[found[name]]

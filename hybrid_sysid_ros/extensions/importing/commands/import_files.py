@@ -27,7 +27,10 @@ from hybrid_sysid_ros.support.files import check_folder
 
 
 def command(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records, each by the end of its name: csv.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Records: csv, mat, npz, parquet, mf4, tdms, ulg, bags of ROS."),
+    ],
     rig: RigName = "",
     out: Annotated[Path, typer.Option("--out", help="Folder for the bags, which are called as their files.")] = Path(
         "bags"
@@ -51,7 +54,7 @@ def command(
     the first time.
     """
     described = load_rig(rig)
-    names = [file.stem for file in files]
+    names = [file.resolve().stem for file in files]
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two files are called {min(twins)}: the bags go by the name, so rename one")
     for name in names:

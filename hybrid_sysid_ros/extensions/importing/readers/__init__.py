@@ -12,6 +12,14 @@ from hybrid_sysid_ros.support.extras import extra
 
 READERS = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), "text:TextFile"),
+    ".mat": "matlab:matlab_file",
+    **dict.fromkeys((".h5", ".hdf5"), "matlab:HdfFile"),
+    **dict.fromkeys((".npz", ".npy"), "arrays:NumpyFile"),
+    ".parquet": "arrays:ParquetFile",
+    **dict.fromkeys((".mf4", ".mdf"), "measurement:Mf4File"),
+    ".tdms": "measurement:TdmsFile",
+    ".ulg": "measurement:UlogFile",
+    **dict.fromkeys((".bag", ".mcap", ".db3"), "ros_bag:bag_file"),
 }
 """Module and class by the end of a file's name."""
 EXTRA = "import"
@@ -29,8 +37,8 @@ def open_log(path: Path) -> LogFile:
         raise UserError(f"{path}: no such file")
     if path.is_file() and path.stat().st_size == 0:
         raise UserError(f"{path}: is an empty file: nothing was recorded, or the copy failed")
-    target = READERS.get(path.suffix.lower(), "")
-    if not target or path.is_dir():
+    target = READERS[".mcap"] if path.is_dir() else READERS.get(path.suffix.lower(), "")
+    if not target:
         raise UserError(f"{path}: is of no known kind: {', '.join(READERS)} are read")
     module, _, name = target.partition(":")
     with extra(EXTRA), readable(path):
