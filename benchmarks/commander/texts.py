@@ -7,7 +7,8 @@ from random import Random
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
-from hybrid_sysid_ros.extensions.commander.language.plan import LONGEST, POINTS, Ability, ReferencePlan
+from hybrid_sysid_ros.extensions.commander.language.plan import LONGEST, POINTS
+from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

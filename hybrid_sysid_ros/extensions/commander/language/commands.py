@@ -22,6 +22,17 @@ class Home(Command):
 class Repeat(Command):
     """The last commands that were carried out, again."""
 
+    pace: str = ""
+    """That their moves take, where one is said."""
+    times: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Undo(Command):
+    """Back to where the outputs were asked to be before the last commands."""
+
+    pace: str = ""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Wait(Command):
@@ -32,11 +43,16 @@ class Wait(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Goal:
-    """Where an output is to go; from where it is meant to be then, if it is a change."""
+    """Where an output is to go."""
 
     output: int
     value: float
     relative: bool = False
+    """Whether the value is a change from where it is meant to be then."""
+    share: bool = False
+    """Whether the value is a factor of that."""
+    toward: float = 0.0
+    """The direction that was said, 1 or -1, 0 where none was."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +86,7 @@ class PictureTarget(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Swing(Command):
-    """An output swings between two values: as a cosine that begins at the first, or in steps."""
+    """An output swings between two values."""
 
     output: int
     low: float
@@ -78,9 +94,22 @@ class Swing(Command):
     frequency: float
     """[Hz]"""
     seconds: float
-    square: bool = False
+    shape: str = "sine"
+    """"sine": a cosine that begins at ``low``; "square": steps; "triangle": straight lines."""
+    last_frequency: float | None = None
+    """Of a sine whose frequency grows or falls steadily to this one [Hz]."""
     relative: bool = False
     """The values count from where the output is meant to be then."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adjust(Command):
+    """The last swing again, with another "amplitude" or "frequency" [Hz]."""
+
+    noun: str
+    value: float
+    how: str
+    """"to" the value, "by" the value, or "times" the value."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +121,21 @@ class Follow(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Condition:
+    """What is waited for: a time, that no output moves any more, or that an output reaches a value."""
+
+    delay: float = 0.0
+    """[s], where this is all."""
+    output: int | None = None
+    value: float = 0.0
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is that nothing moves."""
+        return not self.delay and self.output is None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Sentence:
     """Commands one after the other; ``stops``: at the end the inputs go to rest."""
 
@@ -100,8 +144,11 @@ class Sentence:
     stops: bool = False
     emergency: bool = False
     """Whether the inputs rest at once and stay there until somebody resets and arms the controller."""
+    condition: Condition | None = None
+    """Under which ``later`` is carried out, behind these commands, or behind what runs where there are none."""
+    later: Sentence | None = None
 
     @property
     def is_stop(self) -> bool:
         """Whether it asks for nothing but a stop, now."""
-        return self.stops and not self.commands
+        return self.stops and not self.commands and self.later is None

@@ -7,17 +7,32 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language import grammar
+from hybrid_sysid_ros.extensions.commander.language.clauses import MOST
 from hybrid_sysid_ros.extensions.commander.language.command_interface import Reply
-from hybrid_sysid_ros.extensions.commander.language.commands import Command, PictureTarget, Repeat, Sentence
-from hybrid_sysid_ros.extensions.commander.language.descriptions import description
+from hybrid_sysid_ros.extensions.commander.language.commands import (
+    Adjust,
+    Command,
+    Condition,
+    Goal,
+    Home,
+    Move,
+    PictureTarget,
+    Repeat,
+    Sentence,
+    Swing,
+    Undo,
+)
 from hybrid_sysid_ros.extensions.commander.language.eyes import Eyes
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Simulator, Start
-from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan, plan_of
-from hybrid_sysid_ros.extensions.commander.language.sentence import MOST
+from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
+from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+
+PATIENCE = 30.0
+"""Seconds within which a condition comes true, or what waits for it is left out."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -30,6 +45,8 @@ class Interpreter:
     files: Files = field(default_factory=Files)
     last: Sentence | None = None
     """What was carried out last, as whoever carries it out says."""
+    origin: Array | None = None
+    """Where the references were before (outputs,), as they are shown."""
 
     @classmethod
     def of(cls, simulator: Simulator, *, folder: str = "", layers: str = "") -> Interpreter:
@@ -42,9 +59,10 @@ class Interpreter:
 
     def read(self, text: str) -> Sentence:
         """The commands of a text. Raises UserError for one that is not understood."""
-        sentence = grammar.read(text, self.vocabulary, self.files)
-        if not any(isinstance(command, Repeat | PictureTarget) for command in sentence.commands):
-            return sentence
+        return self.unfolded(grammar.read(text, self.vocabulary, self.files))
+
+    def unfolded(self, sentence: Sentence) -> Sentence:
+        """With what was carried out last in the place of words for it; what waits for a condition is left as it is."""
         parts = tuple(part for item in sentence.commands for part in self._unfolded(item))
         if len(parts) > MOST:
             raise UserError(f"{len(parts)} parts with those that are repeated: a command has {MOST} at most")
@@ -54,11 +72,43 @@ class Interpreter:
         """What a command stands for."""
         if isinstance(command, PictureTarget):
             return (self.eyes.move(command),)
-        if not isinstance(command, Repeat):
+        if isinstance(command, Adjust) and command.noun == "speed":
+            (output,) = self.vocabulary.of_kind("speed")
+            return (Move(goals=(Goal(output=output, value=command.value, share=True),), shape="smooth"),)
+        if not isinstance(command, Repeat | Undo | Adjust):
             return (command,)
-        if self.last is None:
-            raise UserError("nothing was carried out yet that could be repeated: say what to do")
-        return self.last.commands
+        if self.last is None or self.origin is None:
+            raise UserError("nothing was carried out yet that could be repeated or changed: say what to do")
+        if isinstance(command, Undo):
+            moved = [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
+            goals = tuple(Goal(output=k, value=float(self.origin[k])) for k in moved)
+            return (Move(goals=goals, shape="smooth", pace=command.pace),)
+        if isinstance(command, Adjust):
+            return tuple(self._adjusted(command, self.last))
+        if not command.pace:
+            return self.last.commands * command.times
+        return tuple(
+            replace(one, pace=command.pace) if isinstance(one, Move | Home) else one for one in self.last.commands
+        )
+
+    def _adjusted(self, command: Adjust, last: Sentence) -> list[Command]:
+        """The last swing with another amplitude or frequency."""
+        swings = [one for one in last.commands if isinstance(one, Swing)]
+        if len(swings) != 1 or swings[0].last_frequency:
+            raise UserError(f"no swing was carried out last whose {command.noun} could change: say the whole command")
+        (swing,) = swings
+        now = swing.frequency if command.noun == "frequency" else 0.5 * abs(swing.high - swing.low)
+        wanted = {"to": command.value, "by": now + command.value, "times": now * command.value}[command.how]
+        if wanted <= 0.0:
+            raise UserError(f"the {command.noun} would be {wanted:.4g}: it is {now:.4g}")
+        if command.noun == "frequency":
+            return [replace(swing, frequency=wanted)]
+        middle, sign = 0.5 * (swing.low + swing.high), 1.0 if swing.high > swing.low else -1.0
+        return [replace(swing, low=middle - sign * wanted, high=middle + sign * wanted)]
+
+    def note(self, sentence: Sentence, reference: Array) -> None:
+        """Remember what is carried out, and from which references (outputs,)."""
+        self.last, self.origin = sentence, np.array(reference)
 
     def plan(self, sentence: Sentence, reference: Array) -> ReferencePlan:
         """The plan of commands from references (outputs,), as they are shown. Raises UserError for what the rig can't
@@ -74,21 +124,32 @@ class Interpreter:
             raise UserError(found.refusal)
         return found
 
-    def description(self, sentence: Sentence) -> str:
-        """A sentence as it was understood."""
-        return description(sentence, self.vocabulary)
+    def story(self, sentence: Sentence, plan: ReferencePlan) -> str:
+        """A sentence as it was understood, in numbers."""
+        parts = list(plan.story)
+        if sentence.later is not None and sentence.condition is not None:
+            later = self.plan(self.unfolded(sentence.later), plan.values[-1])
+            parts += [f"{self.awaited(sentence.condition)}: {'; then '.join(later.story)}"]
+        return "; then ".join(parts)
+
+    def awaited(self, condition: Condition) -> str:
+        """A condition in words."""
+        if condition.output is not None:
+            output = self.vocabulary.outputs[condition.output]
+            return f"once {output.name} reaches {condition.value:.4g} {output.unit}, within {PATIENCE:g} s"
+        return f"after {condition.delay:.4g} s" if condition.delay else f"once nothing moves, within {PATIENCE:g} s"
 
     def rehearse(self, text: str) -> Reply:
         """The answer to a text where no loop runs: from rest at 0."""
         try:
             sentence = self.read(text)
             if sentence.is_stop:
-                return Reply(
-                    text=text, accepted=True, line=f"{self.description(sentence)}: the inputs go to rest at once"
-                )
-            plan = self.plan(sentence, np.zeros(len(self.vocabulary.outputs)))
+                what = "emergency stop" if sentence.emergency else "stop"
+                return Reply(text=text, accepted=True, line=f"{what}: the inputs go to rest at once")
+            start = np.zeros(len(self.vocabulary.outputs))
+            plan = self.plan(sentence, start)
             forecast = self.forecast(plan, self.simulator.rest)
+            line = f"{self.story(sentence, plan)}: {forecast.line}"
         except UserError as error:
             return Reply(text=text, accepted=False, line=str(error))
-        line = f"{self.description(sentence)}: {forecast.line}"
         return Reply(text=text, accepted=True, line=line, values=forecast.values)

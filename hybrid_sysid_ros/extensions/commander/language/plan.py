@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Goal, Home, Move, Swing, Wait
 from hybrid_sysid_ros.extensions.commander.language.files import columns
+from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan, needed
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.runtime.configuration import SetPointRange
 from hybrid_sysid_ros.support.arrays import Array
@@ -37,37 +35,6 @@ TOLERANCE = 1e-3
 """Of the set-points' range, within which a plan's straight lines are what they stand for."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ability:
-    """The largest speed and acceleration of each output that the rig reaches, as it is shown (outputs,)."""
-
-    speed: Array
-    acceleration: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ReferencePlan:
-    """References between points, straight lines between them, the last one held; outputs as they are shown."""
-
-    times: Array
-    """(points,) [s], from 0 on."""
-    values: Array
-    """(points, outputs), 0 for outputs that are not tracked."""
-    jumps: bool = False
-    """Whether it steps, which nothing follows at once."""
-    stops: bool = False
-    """Whether the inputs go to rest at its end."""
-
-    @property
-    def duration(self) -> float:
-        return float(self.times[-1])
-
-    def __call__(self, t: ArrayLike) -> Array:
-        """References (..., outputs) at times of any shape [s]."""
-        at = np.asarray(t, dtype=float)
-        return np.stack([np.interp(at, self.times, column) for column in self.values.T], axis=-1)
-
-
 def plan_of(
     commands: Sequence[Command], start: Array, vocabulary: Vocabulary, ability: Ability, *, stops: bool = False
 ) -> ReferencePlan:
@@ -90,6 +57,7 @@ class _Draft:
         self.here = np.array(start, dtype=float)
         self.times, self.values = [0.0], [self.here.copy()]
         self.jumps = False
+        self.story: list[str] = []
 
     def add(self, command: Command) -> None:
         """What a command asks for, from where the plan is."""
@@ -103,7 +71,10 @@ class _Draft:
             raise UserError(f"the plan needs {len(self.times)} points: {POINTS} at most, say less or in parts")
 
     def plan(self, *, stops: bool) -> ReferencePlan:
-        return ReferencePlan(times=np.array(self.times), values=np.stack(self.values), jumps=self.jumps, stops=stops)
+        story = (*self.story, *(["inputs to rest"] if stops else []))
+        return ReferencePlan(
+            times=np.array(self.times), values=np.stack(self.values), jumps=self.jumps, stops=stops, story=story
+        )
 
     def point(self, seconds: float) -> None:
         """Be at ``here`` so long after the last point."""
@@ -111,8 +82,21 @@ class _Draft:
         self.values.append(self.here.copy())
 
     def wait(self, command: Wait) -> None:
+        self.story.append(f"stay at {self.where()}" + (f" for {command.seconds:.4g} s" if command.seconds else ""))
         if command.seconds:
             self.point(command.seconds)
+
+    def where(self) -> str:
+        """Where the plan is."""
+        moving = [k for k in self.vocabulary.tracked if self.outputs[k].moves]
+        return ", ".join(f"{self.outputs[k].name} {self.level(k)}" for k in moving)
+
+    def level(self, k: int) -> str:
+        """Where an output is, and what that is in all, where the rig works about a point."""
+        output = self.outputs[k]
+        about = self.vocabulary.rig.system.operating_point.get(output.name)
+        in_all = f" ({about / output.scale + self.here[k]:.6g} {output.unit} in all)" if about else ""
+        return f"{_shown(self.here[k], output)}{in_all}"
 
     def home(self, command: Home) -> None:
         goals = tuple(Goal(output=k, value=0.0) for k in self.vocabulary.tracked)
@@ -125,9 +109,10 @@ class _Draft:
             self.move(Move(goals=(before,), shape="step" if command.shape == "step" else "smooth"))
         ends = self.here.copy()
         for goal in command.goals:
-            ends[goal.output] = goal.value + (self.here[goal.output] if goal.relative else 0.0)
+            ends[goal.output] = self.end(goal)
             self.check_level(ends[goal.output], goal.output)
         change = ends - self.here
+        starts, began = [self.level(goal.output) for goal in command.goals], self.times[-1]
         if not change.any():
             pass
         elif command.shape == "step":
@@ -144,8 +129,47 @@ class _Draft:
                 self.here = begin + along * change
                 self.point(seconds / len(share))
             self.here = ends
+        parts = [
+            f"{self.outputs[goal.output].name} from {start} to {self.level(goal.output)}"
+            for goal, start in zip(command.goals, starts, strict=True)
+        ]
+        how = {
+            "smooth": f"in {self.times[-1] - began:.3g} s",
+            "straight": f"straight in {self.times[-1] - began:.3g} s",
+        }
+        self.story.append(f"{' and '.join(parts)} {how.get(command.shape, 'at once')}")
+        self.story[-1] += f", as {command.picture} shows" if command.picture else ""
         if command.hold:
+            self.story[-1] += f", stay for {command.hold:.4g} s"
             self.point(command.hold)
+
+    def end(self, goal: Goal) -> float:
+        """Where a goal is. Raises UserError where that is not the way that was said, or a sign makes it two things."""
+        here, output = float(self.here[goal.output]), self.outputs[goal.output]
+        value = goal.value * here if goal.share else goal.value + (here if goal.relative else 0.0)
+        of_speed = self.vocabulary.units_of(goal.output)[1].per > 0
+        from_rest = of_speed and output.name not in self.vocabulary.rig.system.operating_point
+        if from_rest and goal.relative and goal.toward < 0.0 and value < 0.0 <= here:
+            less = _shown(abs(goal.value), output)
+            raise UserError(
+                f"{output.name} is {_shown(here, output)}, and less by {less} turns it around: say 'go to "
+                f"{_shown(value, output)}' if you mean it"
+            )
+        if goal.toward and from_rest and here < 0.0 and not goal.share:
+            change, now = goal.toward * abs(goal.value), f"{output.name} is {_shown(here, output)}"
+            either = f"{_shown(here + change, output)} or {_shown(here - change, output)}"
+            raise UserError(
+                f"{now}: do you mean {either}? say 'go to' one of them"
+                if goal.relative
+                else f"{now}, which is below 0: say 'go to {_shown(goal.value, output)}'"
+            )
+        if goal.toward and not goal.relative and not goal.share and goal.toward * (value - here) < 0.0:
+            way = "below" if value < here else "above"
+            raise UserError(
+                f"{_shown(value, output)} is {way} the {_shown(here, output)} of {output.name} now: say 'go to "
+                f"{_shown(value, output)}' if you mean it"
+            )
+        return value
 
     def time_for(self, command: Move, change: Array, smooth: bool) -> float:
         """Seconds of a move, checked against what the rig reaches."""
@@ -177,26 +201,56 @@ class _Draft:
         return max(speed * abs(change) / most[0], math.sqrt(acceleration * abs(change) / most[1]))
 
     def swing(self, command: Swing) -> None:
-        k, frequency = command.output, command.frequency
+        k = command.output
         about = self.here[k] if command.relative else 0.0
         first, last = command.low + about, command.high + about
         for value in (first, last):
             self.check_level(value, k)
-        span = abs(last - first)
+        span, highest = abs(last - first), max(command.frequency, command.last_frequency or 0.0)
         if span == 0.0:
             raise UserError(f"both ends are {_shown(first, self.outputs[k])}: that is no swing; say hold")
-        periods = command.seconds * frequency
         if command.seconds > LONGEST:
             raise UserError(f"the plan takes {command.seconds:.4g} s: {LONGEST:g} s at most, say less or in parts")
-        if periods * (4 if command.square else LEAST_IN_PERIOD) > POINTS - len(self.times):
+        periods = command.seconds * highest
+        if periods * (4 if command.shape == "square" else LEAST_IN_PERIOD) > POINTS - len(self.times):
             raise UserError(f"{periods:.4g} periods need too many points: say less or in parts")
-        if command.square:
+        self.tell_swing(command, first, last)
+        if command.shape == "square":
             self.square(k, first, last, command)
             return
+        self.check_swing(k, span, highest, command.shape)
+        count = len(self.story)
+        self.move(Move(goals=(Goal(output=k, value=first),), shape="smooth"))
+        del self.story[count:]
+        if command.shape == "triangle":
+            self.triangle(k, first, last, command)
+            return
+        dense = int(np.clip((POINTS - len(self.times)) / max(periods, 1e-9), LEAST_IN_PERIOD, IN_PERIOD))
+        count = max(2, math.ceil(periods * dense))
+        sweep = ((command.last_frequency or command.frequency) - command.frequency) / command.seconds
+        for t in np.linspace(0.0, command.seconds, count + 1)[1:].tolist():
+            phase = 2.0 * math.pi * (command.frequency + 0.5 * sweep * t) * t
+            self.here[k] = 0.5 * (first + last) + 0.5 * (first - last) * math.cos(phase)
+            self.point(command.seconds / count)
+
+    def tell_swing(self, command: Swing, first: float, last: float) -> None:
+        output = self.outputs[command.output]
+        name = {"sine": "swing", "square": "square wave", "triangle": "triangle wave"}[command.shape]
+        hertz = f"{command.frequency:.4g} Hz"
+        hertz = f"{command.frequency:.4g} to {command.last_frequency:.4g} Hz" if command.last_frequency else hertz
+        self.story.append(
+            f"{name} of {output.name} from {self.level(command.output)} between {_shown(first, output)} and "
+            f"{_shown(last, output)} at {hertz} for {command.seconds:.4g} s"
+        )
+
+    def check_swing(self, k: int, span: float, frequency: float, shape: str) -> None:
+        """Raise UserError for a swing that asks for more speed or acceleration than the rig reaches."""
         speed, acceleration = math.pi * frequency * span, 2.0 * (math.pi * frequency) ** 2 * span
         highest = min(
             self.ability.speed[k] / (math.pi * span), math.sqrt(self.ability.acceleration[k] / (2.0 * span)) / math.pi
         )
+        if shape == "triangle":
+            speed, highest = 2.0 * frequency * span, self.ability.speed[k] / (2.0 * span)
         if frequency > highest:
             output = self.outputs[k]
             raise UserError(
@@ -204,12 +258,15 @@ class _Draft:
                 f"{_per_second(output)} and {acceleration:.4g} {_per_second(output)}^2: the rig reaches it up to "
                 f"{_down(highest)} Hz, or take a smaller span"
             )
-        self.move(Move(goals=(Goal(output=k, value=first),), shape="smooth"))
-        dense = int(np.clip((POINTS - len(self.times)) / max(periods, 1e-9), LEAST_IN_PERIOD, IN_PERIOD))
-        count = max(2, math.ceil(periods * dense))
-        for t in np.linspace(0.0, command.seconds, count + 1)[1:].tolist():
-            self.here[k] = 0.5 * (first + last) + 0.5 * (first - last) * math.cos(2.0 * math.pi * frequency * t)
-            self.point(command.seconds / count)
+
+    def triangle(self, k: int, first: float, last: float, command: Swing) -> None:
+        """Straight lines between two levels."""
+        half, left, values = 0.5 / command.frequency, command.seconds, (last, first)
+        for count in range(math.ceil(command.seconds / half - 1e-9)):
+            share = min(1.0, left / half)
+            self.here[k] += share * (values[count % 2] - self.here[k])
+            self.point(share * half)
+            left -= half
 
     def square(self, k: int, first: float, last: float, command: Swing) -> None:
         """Steps between two levels."""
@@ -248,6 +305,7 @@ class _Draft:
             rows[:, k] = values
         kept = needed(times, rows, [TOLERANCE * (output.high - output.low) for output in self.outputs])
         begin = self.times[-1]
+        self.story.append(f"follow {command.name} for {times[-1]:.4g} s")
         self.times += (begin + times[kept[1:]]).tolist()
         self.values += list(rows[kept[1:]])
         self.here = rows[-1].copy()
@@ -257,9 +315,13 @@ class _Draft:
         output = self.outputs[k]
         slack = 1e-9 * (output.high - output.low)
         if not output.low - slack <= value <= output.high + slack:
+            about = self.vocabulary.rig.system.operating_point.get(output.name, 0.0) / output.scale
+            counted = f", counted from {about:.6g} {output.unit}" if about else ""
+            if about and output.low <= value - about <= output.high:
+                counted += f"; {value:.6g} {output.unit} in all are {_shown(value - about, output)} here"
             raise UserError(
                 f"{output.name} of {_shown(value, output)} is out of reach: stay within {output.low:.4g} and "
-                f"{output.high:.4g} {output.unit}"
+                f"{output.high:.4g} {output.unit}{counted}"
             )
 
     def check_speed(self, times: Array, values: Array, k: int, name: str) -> None:
@@ -271,43 +333,6 @@ class _Draft:
                 f"{name}: at {times[worst]:.4g} s {output.name} goes at {speeds[worst]:.4g} {_per_second(output)}; the "
                 f"rig reaches {self.ability.speed[k]:.4g}: stretch its times"
             )
-
-
-def needed(times: Array, rows: Array, tolerances: Sequence[float]) -> list[int]:
-    """Indices of the points (points,) that straight lines need to stay within tolerances (columns,) of all of them.
-
-    From each kept point a door of slopes closes as points pass; the last one that the door lets in is kept (swinging
-    door, Bristol 1990).
-    """
-    slack = np.where(np.isfinite(tolerances), tolerances, np.inf)
-    kept = np.zeros(len(times), dtype=np.int64)
-    count = _swinging_door(np.ascontiguousarray(times), np.ascontiguousarray(rows), slack, kept)
-    return [*kept[:count].tolist(), len(times) - 1]
-
-
-@kernel
-def _swinging_door(times: Array, rows: Array, slack: Array, kept: NDArray[np.int64]) -> int:
-    """Write the kept indices but the last into ``kept`` (points,), whose first is 0; how many they are."""
-    low, high = np.full(rows.shape[1], -np.inf), np.full(rows.shape[1], np.inf)
-    count, k = 1, 1
-    while k < times.shape[0]:
-        begin = kept[count - 1]
-        passed = times[k] - times[begin]
-        outside = False
-        for j in range(rows.shape[1]):
-            slope = (rows[k, j] - rows[begin, j]) / passed
-            outside = outside or slope < low[j] or slope > high[j]
-        if outside:
-            kept[count] = k - 1
-            count += 1
-            low[:], high[:] = -np.inf, np.inf
-            continue
-        for j in range(rows.shape[1]):
-            slope = (rows[k, j] - rows[begin, j]) / passed
-            low[j] = max(low[j], slope - slack[j] / passed)
-            high[j] = min(high[j], slope + slack[j] / passed)
-        k += 1
-    return count
 
 
 def _shown(value: float, output: SetPointRange) -> str:

@@ -39,7 +39,7 @@ def stop_in(text: str) -> str:
     return STOP if patterns.stop.search(said) or patterns.slips & set(said.split()) else ""
 
 
-def plain(text: str) -> str:
+def folded(text: str) -> str:
     """In small letters, without accents and apostrophes."""
     split = unicodedata.normalize("NFKD", text.casefold().replace("'", "").replace("\u2019", ""))
     return "".join(letter for letter in split if not unicodedata.combining(letter))
@@ -55,7 +55,7 @@ def _normalised(text: str, patterns: _Patterns) -> str:
 def _apart(text: str) -> str:
     """Plain, with "d'urgence" and "not-aus" in two words, and "s.t.o.p" in letters."""
     split = re.sub(r"\b([dlnst])['\u2019](?=\w{2})", r"\1 ", text, flags=re.IGNORECASE)
-    return re.sub(r"(?<=\b[a-z])[.-](?=[a-z]\b)", " ", plain(split))
+    return re.sub(r"(?<=\b[a-z])[.-](?=[a-z]\b)", " ", folded(split))
 
 
 def _joined(word: str) -> str:
@@ -76,7 +76,7 @@ def _any(phrases: Iterable[str]) -> str:
 @cache
 def _patterns() -> _Patterns:
     """Those of the table."""
-    table = read_mapping(Path(__file__).with_name("stops.yaml"))
+    table = read_mapping(Path(__file__).parent / "words" / "stops.yaml")
     emergency, anywhere, motionless, edge, alone = (
         _any(_all(table[kind])) for kind in ("emergency", "anywhere", "motionless", "edge", "alone")
     )

@@ -1,181 +1,25 @@
-"""Vocabulary: the words of commands, with those of a rig, and which word a typing slip was meant to be."""
+"""Vocabulary: what the names of a rig mean in commands, and which word a typing slip was meant to be."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Lexicon, Symbol, lexicon
+from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.rigs import units
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.units import Unit
 from hybrid_sysid_ros.runtime.configuration import SetPointRange, set_point_ranges
 
-HOLD, GO, STEP, RAMP, SWING, WAIT, FOLLOW, LOOK, REPEAT, HOME, STOP = (
-    "hold", "go", "step", "ramp", "swing", "wait", "follow", "look", "repeat", "home", "stop",
-)  # fmt: skip
-VERBS: Mapping[str, str] = {
-    **dict.fromkeys((HOLD, "keep", "stay", "maintain", "remain"), HOLD),
-    **dict.fromkeys(
-        (
-            GO,
-            "goto",
-            "move",
-            "drive",
-            "bring",
-            "set",
-            "turn",
-            "put",
-            "raise",
-            "lower",
-            "reach",
-            "return",
-            "increase",
-            "decrease",
-        ),
-        GO,
-    ),
-    **dict.fromkeys((STEP, "jump", "steps"), STEP),
-    **dict.fromkeys((RAMP, "slide"), RAMP),
-    **dict.fromkeys((SWING, "oscillate", "sway", "sine", "swings"), SWING),
-    **dict.fromkeys((WAIT, "pause"), WAIT),
-    **dict.fromkeys((FOLLOW, "track", "run", "play"), FOLLOW),
-    **dict.fromkeys((LOOK, "looks", "match", "resemble"), LOOK),
-    **dict.fromkeys((REPEAT, "again", "redo"), REPEAT),
-    **dict.fromkeys((HOME, "centre", "center"), HOME),
-    **dict.fromkeys((STOP, "halt", "abort", "freeze", "stopp"), STOP),
-}
-"""What a clause asks for, by the words for it."""
-TO, FROM, BETWEEN, BY, AROUND, AT, FOR, IN, EVERY, AND, PLUS_MINUS = (
-    "to", "from", "between", "by", "around", "at", "for", "in", "every", "and", "±",
-)  # fmt: skip
-ROLES: Mapping[str, str] = {
-    **{word: word for word in (TO, FROM, BETWEEN, BY, AROUND, AT, FOR, EVERY, AND, PLUS_MINUS)},
-    **{"about": AROUND, "with": AT, "+-": PLUS_MINUS},
-    **dict.fromkeys((IN, "within", "over", "during", "taking"), IN),
-}
-"""What the quantity after a word is for."""
-PACES: Mapping[str, str] = {
-    **dict.fromkeys(("slowly", "slow", "gently", "carefully", "softly"), "slowly"),
-    **dict.fromkeys(("quickly", "quick", "fast", "rapidly", "briskly"), "quickly"),
-}
-DIRECTIONS: Mapping[str, float] = {
-    **dict.fromkeys(("up", "raise", "increase", "further", "more"), 1.0),
-    **dict.fromkeys(("down", "lower", "decrease", "less"), -1.0),
-}
-"""Words that make a value without "to" a change of what there is."""
-FILLERS = frozenset(
-    [
-        "please",
-        "the",
-        "a",
-        "an",
-        "now",
-        "it",
-        "rig",
-        "of",
-        "output",
-        "angle",
-        "value",
-        "position",
-        "speed",
-        "velocity",
-        "frequency",
-        "period",
-        "amplitude",
-        "rate",
-        "then",
-        "just",
-        "your",
-        "you",
-        "can",
-        "could",
-        "would",
-        "will",
-        "my",
-        "me",
-        "us",
-        "let",
-        "lets",
-        "and",
-        "so",
-        "ok",
-        "okay",
-        "hey",
-        "experiment",
-        "last",
-        "same",
-        "once",
-        "file",
-        "like",
-        "picture",
-        "image",
-        "photo",
-        "this",
-        "that",
-        "thanks",
-        "thank",
-        "exactly",
-        "steady",
-        "still",
-        "here",
-        "there",
-        "moving",
-        "swinging",
-        "do",
-        "make",
-        "start",
-        "begin",
-        "perform",
-        "i",
-        "we",
-        "want",
-        "need",
-    ]
-)
-"""Words that change nothing, where they are no output's name."""
-RATES = frozenset(("speed", "velocity", "rate"))
-"""Of them, those whose 0 is a standstill and no place."""
-REFUSED: Mapping[str, str] = {
-    **dict.fromkeys(
-        ("not", "no", "never", "don't", "dont", "without", "cannot", "can't", "nothing", "avoid", "except"),
-        "commands say what to do, not what to leave: say stop to stop",
-    ),
-    **dict.fromkeys(
-        ("if", "when", "unless", "while", "until", "after", "before", "or", "otherwise", "else"),
-        "commands have no conditions: join them by 'then', with times",
-    ),
-    **dict.fromkeys(("forever", "always", "endlessly"), "a plan has an end: say for how many seconds"),
-}
-"""Words that would change everything, and the reason."""
-THEN = frozenset(("then", "afterwards", "next", "finally"))
-NUMBERS: Mapping[str, float] = {
-    word: float(value)
-    for value, word in enumerate(
-        [
-            "zero",
-            "one",
-            "two",
-            "three",
-            "four",
-            "five",
-            "six",
-            "seven",
-            "eight",
-            "nine",
-            "ten",
-            "eleven",
-            "twelve",
-        ]  # as people spell them out
-    )
-} | {"half": 0.5}
-SIGNS: Mapping[str, float] = {"minus": -1.0, "negative": -1.0, "plus": 1.0}
 SHORTEST = 4  # letters of a known word that may be written with a slip
 LONG = 7  # letters of one that may be written with two
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Vocabulary:
-    """The words that mean something at a rig."""
+    """The words that mean something at a rig. Names of what is not steered are known, so that they are refused."""
 
     rig: Rig
     outputs: tuple[SetPointRange, ...]
@@ -191,32 +35,64 @@ class Vocabulary:
         return tuple(k for k, output in enumerate(self.outputs) if output.tracked)
 
     @cached_property
+    def steered(self) -> str:
+        """Names of these."""
+        return ", ".join(self.outputs[k].name for k in self.tracked) or "nothing"
+
+    @cached_property
     def names(self) -> Mapping[str, int]:
-        """Outputs by the words for them: their names, with spaces between for "_", and those of joints that carry one
-        tracked output each.
-        """
+        """Tracked outputs by their names, and by those of joints that carry one of them each."""
         found: dict[str, int] = {}
         for joint in self.rig.joints.joints:
             carried = [k for k in self.tracked if self.rig.joints.place(self.outputs[k].name)[0] == joint]
             if len(carried) == 1:
                 found[joint.lower()] = carried[0]
-        for k, output in enumerate(self.outputs):
-            found[output.name.lower()] = k
+        return found | {self.outputs[k].name.lower(): k for k in self.tracked}
+
+    @cached_property
+    def phrases(self) -> Mapping[tuple[str, ...], Symbol]:
+        """What the rig's names mean; of the names of inputs, states and outputs that are not steered: why not."""
+        steered = {self.outputs[k].name for k in self.tracked}
+        refused = {item.name: f"{item.name} is an input, which the controller sets: commands ask for {self.steered}"
+                   for item in self.rig.system.inputs}  # fmt: skip
+        for item in (*self.rig.system.states, *self.rig.system.outputs):
+            if item.name not in steered:
+                refused.setdefault(item.name, f"{item.name} is not steered by the controller: it tracks {self.steered}")
+        found: dict[tuple[str, ...], Symbol] = {}
+        own = _words(self.rig.name)
+        for part in (own, *((word,) for name in (self.rig.name, *self.rig.joints.joints) for word in _words(name))):
+            if not _means_something(part):
+                found[part] = Symbol("J", "object", " ".join(part))
+        for name, reason in refused.items():
+            for word in _words(name):
+                if len(word) > 2 and not _means_something((word,)) and (word,) not in self._own_parts:
+                    found[(word,)] = Symbol("!", reason, word)
+        for name, reason in refused.items():
+            if not _is_noun(_words(name)):
+                found[_words(name)] = Symbol("!", reason, name)
+        for name, k in self.names.items():
+            found[_words(name)] = Symbol("O", k, name)
         return found
 
     @cached_property
-    def inputs(self) -> frozenset[str]:
-        """Names of the inputs, which are the controller's, but those that an output has, too, or that mean nothing."""
-        return frozenset(item.name.lower() for item in self.rig.system.inputs) - self.names.keys() - FILLERS
+    def _own_parts(self) -> frozenset[tuple[str, ...]]:
+        """Words of tracked outputs' names and of joints that carry one."""
+        return frozenset((word,) for name in self.names for word in _words(name))
 
     @cached_property
-    def fillers(self) -> frozenset[str]:
-        """Those of every rig, and the parts of this one's own name and its joints'."""
-        own = {part for name in (self.rig.name, *self.rig.joints.joints) for part in name.lower().split("_")}
-        return FILLERS | (own - self.names.keys())
+    def words(self) -> frozenset[str]:
+        """All of the rig's."""
+        return frozenset(word for phrase in self.phrases for word in phrase)
+
+    def longest(self, words: Sequence[str], spoken: Lexicon) -> tuple[int, Symbol] | None:
+        """How many of the next words are a name of the rig, and what it means."""
+        own = spoken.table.get("names", {})
+        said = [own.get(word, word) for word in words]
+        count = spoken.longest(self.phrases, said)
+        return (count, self.phrases[tuple(said[:count])]) if count else None
 
     @cached_property
-    def units(self) -> Mapping[str, units.Unit]:
+    def units(self) -> Mapping[str, Unit]:
         """All that the table names, and those in which this rig's outputs are shown."""
         own = [text for output in self.outputs for text in (output.unit, self.si(output)) if text]
         return {**units.words(), **{text: units.of_rig(text) for text in own}}
@@ -225,35 +101,57 @@ class Vocabulary:
         """The unit in which an output travels."""
         return next(item.unit for item in self.rig.system.outputs if item.name == output.name)
 
-    @cached_property
-    def _known(self) -> frozenset[str]:
-        spelled = {word for word in units.words() if len(word) >= SHORTEST and word.isalpha()}
-        meant = {*VERBS, *ROLES, *DIRECTIONS, *PACES, *REFUSED, *THEN, *NUMBERS, *SIGNS, *self.names, *self.fillers}
-        return frozenset(meant | spelled | {word.lower() for word in self.units})
+    def units_of(self, output: int) -> tuple[Unit, Unit]:
+        """Those in which an output may be told: as it is shown, and as it travels."""
+        shown = self.outputs[output]
+        return units.of_rig(shown.unit), units.of_rig(self.si(shown))
 
-    def knows(self, word: str) -> bool:
-        """Whether a word in small letters means something as it is."""
-        return word in self._known
+    def of_kind(self, noun: str) -> list[int]:
+        """Tracked outputs that a general word such as "speed" or "angle" may mean."""
+        wanted = {
+            "speed": lambda k, si: si.per == 1, "height": lambda k, si: self.outputs[k].name == "height",
+            "angle": lambda k, si: (si.base, si.per) == ("rad", 0),
+            "position": lambda k, si: si.per == 0 and self.outputs[k].name != "height", "value": lambda k, si: True,
+        }[noun]  # fmt: skip
+        return [k for k in self.tracked if wanted(k, self.units_of(k)[1])]
 
-    def meant(self, word: str) -> tuple[str, ...]:
-        """The known words that a word in small letters may be a slip of, the nearest ones only. One letter more, less
-        or other, or two of them swapped, in words of SHORTEST letters; two such in words of LONG ones; in shorter words
-        only two letters that are swapped.
-        """
-        found: dict[int, list[str]] = {}
-        letters = set(word)
-        swapped = [each for each in self._known if len(each) == len(word) < SHORTEST and sorted(each) == sorted(word)]
-        if len(swapped) == 1 and slips(word, swapped[0], 1) == 1:
-            return tuple(swapped)
-        for known in self._known:
-            most = 2 if len(known) >= LONG else 1
-            if len(known) < SHORTEST or abs(len(known) - len(word)) > most:
-                continue
-            if len(letters.symmetric_difference(known)) <= 2 * most:  # a slip changes two letters at most
-                distance = slips(word, known, most)
-                if distance <= most:
-                    found.setdefault(distance, []).append(known)
-        return tuple(sorted(found[min(found)])) if found else ()
+
+def _words(name: str) -> tuple[str, ...]:
+    return tuple(folded(name).split("_"))
+
+
+def _means_something(phrase: tuple[str, ...]) -> bool:
+    """Whether a phrase has a meaning in some language at every rig, so that a rig's name of it is no name."""
+    meanings = [lexicon(language).meanings.get(phrase) for language in LANGUAGES]
+    return any(found is not None and all(kind != "!" for kind, _ in found) for found in meanings)
+
+
+def _is_noun(phrase: tuple[str, ...]) -> bool:
+    """Whether it is a general word for a quantity."""
+    return any(lexicon(each).meanings.get(phrase, ((" ", ""),))[0][0] in "Kakfq" for each in LANGUAGES)
+
+
+def meant(word: str, known: Iterable[str]) -> tuple[str, ...]:
+    """The known words that a word in small letters may be a slip of, the nearest ones only. One letter more, less or
+    other, or two of them swapped, in words of more than SHORTEST letters, and none other in those; two such in words of
+    LONG ones; in shorter words only two letters that are swapped.
+    """
+    found: dict[int, list[str]] = {}
+    letters = set(word)
+    swapped = [each for each in known if len(each) == len(word) < SHORTEST and sorted(each) == sorted(word)]
+    if len(swapped) == 1 and slips(word, swapped[0], 1) == 1:
+        return tuple(swapped)
+    for each in known:
+        most = 2 if len(each) >= LONG else 1
+        if len(each) == SHORTEST and len(word) == SHORTEST and sorted(each) != sorted(word):
+            continue  # another letter makes another word of so short a one
+        if len(each) < SHORTEST or abs(len(each) - len(word)) > most:
+            continue
+        if len(letters.symmetric_difference(each)) <= 2 * most:  # a slip changes two letters at most
+            distance = slips(word, each, most)
+            if distance <= most:
+                found.setdefault(distance, []).append(each)
+    return tuple(sorted(found[min(found)])) if found else ()
 
 
 def slips(word: str, other: str, most: int) -> int:

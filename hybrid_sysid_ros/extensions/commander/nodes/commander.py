@@ -6,7 +6,6 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from threading import Event, Lock, RLock, Thread, get_ident
 from time import monotonic, monotonic_ns
@@ -20,17 +19,19 @@ from std_srvs.srv import SetBool, Trigger
 
 from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Start
-from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
-from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan
+from hybrid_sysid_ros.extensions.commander.language.interpreter import PATIENCE, Interpreter
+from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, stop_in
 from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import ConfiguredInterpreter, give_way
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import SUBSCRIBES, LoopMonitor
 from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import PlanWriter
+from hybrid_sysid_ros.extensions.commander.nodes.waiting_commands import AwaitedCommand, ReadyCommand
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.validation import MessageValidator
+from hybrid_sysid_ros.runtime.configuration import set_point_ranges
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -38,17 +39,6 @@ LOOK_PERIOD = 0.05  # s, between two looks how far a plan is
 WAITING = 60.0  # s, that a plan waits to be confirmed
 ANSWER_TIMEOUT = 2.0  # s, for an answer of the controller
 JUST = 0.5  # s, that the beginning of a plan may take
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ReadyCommand:
-    """A command that has passed."""
-
-    sentence: Sentence
-    plan: ReferencePlan
-    forecast: Forecast
-    since: float
-    """When it passed, in steady time [s]."""
 
 
 class CommanderNode(RigNode):
@@ -70,6 +60,7 @@ class CommanderNode(RigNode):
     def __init__(self, **options: Any) -> None:
         self.ready: ReadyCommand | None = None
         self.running: ReadyCommand | None = None
+        self.awaited: AwaitedCommand | None = None
         self.checking = ""
         self.stops = self.refused = self.carried_out = 0
         self.stopped = self.armed = False
@@ -97,6 +88,7 @@ class CommanderNode(RigNode):
 
     def configure(self) -> None:
         self.writer = PlanWriter(self.rig, self.signature)
+        self.ranges = set_point_ranges(self.rig)
         self.armed = self.settings["armed"]
 
     def activate(self) -> None:
@@ -114,7 +106,7 @@ class CommanderNode(RigNode):
         self.turn += 1
         self.interpreting.close()
         self.monitor.close()
-        self.ready = self.running = None
+        self.ready = self.running = self.awaited = None
 
     # What is said.
 
@@ -153,12 +145,23 @@ class CommanderNode(RigNode):
         if sentence.is_stop:
             self.stop(text, emergency=sentence.emergency)
             return
+        self._carry_out(sentence, interpreter)
+
+    def _carry_out(self, sentence: Sentence, interpreter: Interpreter) -> None:
+        """Plan, and begin to check; raises UserError for what is refused."""
+        text = sentence.text
         with self._lock:
             if self.checking:
                 raise UserError(f"{self.checking[:60]!r} is still being checked: wait for its reply, or say stop")
             self.monitor.look()
-            reference = self.here()
-            plan = interpreter.plan(sentence, reference)
+            self.awaited = None
+            plan = interpreter.plan(sentence, self.here())
+            words = interpreter.story(sentence, plan)
+            if not sentence.commands and sentence.later is not None:  # what runs goes on meanwhile
+                self.wait_for(sentence)
+                self.reply(text, "waits", words, OK, {})
+                return
+            self.reply(text, "checks", words, OK, {})
             start = self.monitor.start(interpreter.simulator.model.system)
             self.checking, self.ready = text, None
             self.turn += 1
@@ -192,9 +195,9 @@ class CommanderNode(RigNode):
             if turn != self.turn:
                 return  # stopped meanwhile
             self.checking = ""
-            self.ready = ReadyCommand(sentence=sentence, plan=plan, forecast=forecast, since=monotonic())
+            words = f"{interpreter.story(sentence, plan)}: {forecast.line}"
+            self.ready = ReadyCommand(sentence=sentence, plan=plan, forecast=forecast, since=monotonic(), words=words)
             self.planned.publish(self.writer.forecast(forecast))
-            words = f"{interpreter.description(sentence)}: {forecast.line}"
             if not self.armed:
                 self.reply(sentence.text, "waits", f"{words}; waits for confirm", WARN, forecast.values)
                 return
@@ -215,20 +218,24 @@ class CommanderNode(RigNode):
             raise UserError("nothing waits to be confirmed: give a command first")
         self.monitor.look()
         plan, here = ready.plan, self.here()
+        words = ready.words
         if (np.abs(here - plan.values[0]) > 1e-6).any():  # it has moved on: from here, within the same limits
             plan = interpreter.plan(ready.sentence, here)
+            words = f"{interpreter.story(ready.sentence, plan)}: {ready.forecast.line}"
         if not self.set_points.get_subscription_count():
             raise UserError("no reference node is there to follow a plan: start one")
         if self.stopped:
             self.call(self.enabler)
+        self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)  # before anything moves
         self.set_points.publish(self.writer.set_point(plan))
         self.stopped = self.staying = False
-        self.ready, interpreter.last = None, ready.sentence
-        self.running = ReadyCommand(sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic())
+        self.ready = None
+        interpreter.note(ready.sentence, plan.values[0])
+        self.running = ReadyCommand(
+            sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic(), words=words
+        )
         self.started = self.monitor.stamp
         self.carried_out += 1
-        words = f"{interpreter.description(ready.sentence)}: {ready.forecast.line}"
-        self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)
 
     def look(self) -> None:
         """See how far the plan is."""
@@ -236,6 +243,7 @@ class CommanderNode(RigNode):
         if self.staying:
             self.staying = False
             self.stay()
+        self.look_for_condition()
         running = self.running
         if running is None or self.monitor.stamp - self.started < running.plan.duration * SECOND:
             return
@@ -244,6 +252,41 @@ class CommanderNode(RigNode):
             self.stop(running.sentence.text)
         else:
             self.reply(running.sentence.text, "done", "done", OK, {})
+        if running.sentence.later is not None:
+            self.wait_for(running.sentence)
+
+    # Conditions.
+
+    def wait_for(self, sentence: Sentence) -> None:
+        """From now on, until the condition of a sentence comes true or its time is over."""
+        if sentence.later is not None and sentence.condition is not None:
+            begin = self.monitor.shown_outputs()
+            self.awaited = AwaitedCommand(
+                condition=sentence.condition, sentence=sentence.later, since=monotonic(), begin=begin
+            )
+
+    def look_for_condition(self) -> None:
+        """Carry out what waits, where its condition has come true; leave it out where its time is over."""
+        with self._lock:
+            awaited, now = self.awaited, monotonic()
+            if awaited is None or self.checking:
+                return
+            try:
+                came = awaited.came(now, self.monitor.shown_outputs(), self.ranges, idle=self.running is None)
+                if not came and now - awaited.since <= max(awaited.condition.delay, PATIENCE):
+                    return
+                self.awaited = None
+                if not came:
+                    raise UserError(f"what it waits for did not come within {PATIENCE:g} s: the rest is left out")
+                if awaited.sentence.is_stop:
+                    self.stop(awaited.sentence.text)
+                elif (interpreter := self.interpreting.interpreter) is None:
+                    raise UserError(self.interpreting.missing)
+                else:
+                    self._carry_out(interpreter.unfolded(awaited.sentence), interpreter)
+            except UserError as error:
+                self.awaited = None
+                self.refuse(awaited.sentence.text, error)
 
     # Stop.
 
@@ -269,7 +312,7 @@ class CommanderNode(RigNode):
                 started = self.running is not None and monotonic() - self.running.since < JUST
                 self.stops += 1
                 self.armed, self.stopped, self.checking = False, True, ""
-                self.ready = self.running = None
+                self.ready = self.running = self.awaited = None
         if started:  # which may have enabled the controller after that
             self.call(stopper)
         if self.active:
@@ -330,6 +373,7 @@ class CommanderNode(RigNode):
 
     def health(self) -> Sequence[Task]:
         state = "running" if self.running else "stopped" if self.stopped else "idle"
+        state = "waits for a condition" if self.awaited else state
         state = "checking" if self.checking else "waits for confirm" if self.ready else state
         ready = "ready" if self.interpreting.interpreter is not None else self.interpreting.missing
         values = {

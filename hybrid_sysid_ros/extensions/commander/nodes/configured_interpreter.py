@@ -86,5 +86,6 @@ class ConfiguredInterpreter:
         except Exception as error:
             self.interpreter, self._trouble = None, self._node.words_of(error)
             return
-        made.last = self.interpreter.last if self.interpreter is not None else None
+        if self.interpreter is not None:
+            made.last, made.origin = self.interpreter.last, self.interpreter.origin
         self.interpreter, self._trouble = made, ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast
-from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan
+from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots

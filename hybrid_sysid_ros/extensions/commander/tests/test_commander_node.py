@@ -66,11 +66,15 @@ class Loop:
         bench.until(lambda: "reference" in self.commander.monitor.newest)
 
     def say(self, text: str) -> DiagnosticStatus:
-        """What is replied to a text first."""
+        """What is replied to a text when it was checked."""
         count = len(self.replies)
+
+        def answers() -> list[DiagnosticStatus]:
+            return [reply for reply in self.replies[count:] if state(reply) != "checks"]
+
         self.text.publish(String(data=text))
-        self.bench.until(lambda: len(self.replies) > count)
-        return self.replies[count]
+        self.bench.until(answers)
+        return answers()[0]
 
     def call(self, service: str, kind: Any = Trigger, **request: Any) -> Any:
         client = self.bench.probe.create_client(kind, service)
@@ -198,3 +202,34 @@ def test_the_plan_that_is_published_is_the_simulation(loop: Loop) -> None:
     final = planned[0].points[-1]
     assert final.positions[0] / VOLT == pytest.approx(2.0, abs=0.1)
     assert np.abs([point.effort[0] for point in planned[0].points]).max() <= 10.0
+
+
+def test_what_waits_for_standstill_begins_when_nothing_moves_any_more(loop: Loop) -> None:
+    loop.say("go to 1 V in 0.5 s, and once it is still go to 2 V in 0.5 s")
+    loop.bench.until(lambda: loop.commander.awaited)
+    assert abs(loop.references[-1].points[-1].positions[0] / VOLT - 1.0) < 1e-6
+    loop.bench.until(lambda: loop.references[-1].points[-1].positions[0] / VOLT == pytest.approx(2.0))
+
+
+def test_a_stop_may_wait_and_leaves_what_runs_alone_until_then(loop: Loop) -> None:
+    loop.say("swing between -1 and 1 V at 0.5 Hz for 20 s")
+    assert "after 0.5 s" in loop.say("in 0.5 s stop").message
+    assert loop.commander.running is not None
+    loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
+    assert loop.commander.running is None
+
+
+def test_a_condition_that_never_comes_is_told_and_left_out(loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(commander, "PATIENCE", 0.1)
+    loop.say("when it reaches 5 V, go to 2 V")
+    loop.bench.until(lambda: state(loop.replies[-1]) == "refused")
+    assert "left out" in loop.replies[-1].message
+    assert loop.commander.awaited is None
+
+
+def test_undo_goes_back_to_where_the_last_command_began(loop: Loop) -> None:
+    loop.say("go to 1 V in 0.2 s")
+    loop.bench.until(lambda: state(loop.replies[-1]) == "done")
+    loop.say("undo that")
+    loop.bench.until(lambda: state(loop.replies[-1]) == "done")
+    assert loop.references[-1].points[-1].positions[0] == pytest.approx(0.0, abs=1e-9)

@@ -13,7 +13,8 @@ import pytest
 from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Home, Move, Sentence, Swing, Wait
 from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
-from hybrid_sysid_ros.extensions.commander.language.plan import Ability, plan_of
+from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
+from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.extensions.commander.tests.corpus import CORPUS, Refused
 from hybrid_sysid_ros.models import Model, Sampling
@@ -53,7 +54,7 @@ def understood(command: Command, vocabulary: Vocabulary, named: set[str]) -> dic
         return {"do": "follow", "name": command.name}
     if isinstance(command, Swing):
         return {
-            "do": "square" if command.square else "swing", "between": (command.low, command.high),
+            "do": "swing" if command.shape == "sine" else command.shape, "between": (command.low, command.high),
             "hertz": command.frequency, "seconds": command.seconds, "output": name(command.output),
         }  # fmt: skip
     assert isinstance(command, Move)
@@ -115,9 +116,10 @@ def test_a_sentence_is_understood_as_it_reads(name: str, text: str, expected: An
 
 
 def test_what_is_repeated_does_not_grow_without_end() -> None:
-    reader = replace(interpreter("cam_beam"))
-    reader.last = reader.read("hold 1 V then home")
-    reader.last = reader.read("repeat then repeat then repeat")
+    reader, start = replace(interpreter("cam_beam")), np.zeros(1)
+    reader.note(reader.read("hold 1 V then home"), start)
+    reader.note(reader.read("repeat then repeat then repeat"), start)
+    assert reader.last is not None
     assert len(reader.last.commands) == 6
     with pytest.raises(UserError, match="24 parts with those that are repeated: a command has 20 at most"):
         reader.read("repeat then repeat then repeat then repeat")

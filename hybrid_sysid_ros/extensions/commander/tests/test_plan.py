@@ -10,7 +10,8 @@ import pytest
 
 from hybrid_sysid_ros.extensions.commander.language import grammar
 from hybrid_sysid_ros.extensions.commander.language.files import Files
-from hybrid_sysid_ros.extensions.commander.language.plan import Ability, ReferencePlan, needed, plan_of
+from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
+from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan, needed
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, slips
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs import units

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.commander import texts
-from hybrid_sysid_ros.extensions.commander.language.commands import Repeat
-from hybrid_sysid_ros.extensions.commander.language.plan import Ability, ReferencePlan, plan_of
+from hybrid_sysid_ros.extensions.commander.language.commands import Adjust, Repeat, Undo
+from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
+from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
@@ -28,7 +29,7 @@ class Reading:
     def plan(self, text: str) -> ReferencePlan | None:
         try:
             sentence = self.grammar.read(text, self.vocabulary)
-            if sentence.is_stop or any(isinstance(item, Repeat) for item in sentence.commands):
+            if sentence.is_stop or any(isinstance(item, Repeat | Undo | Adjust) for item in sentence.commands):
                 return None  # an interpreter repeats what was said before, and here nothing was
             start = np.zeros(len(self.vocabulary.outputs))
             return plan_of(sentence.commands, start, self.vocabulary, self.ability)

@@ -1,0 +1,1 @@
+"""Meaning: what must not mislead. Each part measures one thing, and names the rows that fall short."""

@@ -1,0 +1,286 @@
+"""Clauses: the parts of a sentence, and what each says. A symbol that no pattern takes is refused by its words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs.units import COUNT, PERCENT, PLAIN, TIME, Unit
+from hybrid_sysid_ros.support.errors import UserError
+
+MOST = 20  # clauses
+PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS; Q: a quantity, O: an output by name
+    ("to_name", "[TW]?K?GK?"),
+    ("condition", "Z|z[KO]?T?Q"),
+    ("between", "B(?:[KO]o?)?Q[jT]Q"),
+    ("range", "[Fo](?:[KO]o?)?QTQ"),
+    ("range", "QTQ"),
+    ("plus_minus", "[WY]?pQ"),
+    ("around", "A(?:[KO]o?)?Q"),
+    ("share", "[TWY]?(?:Q|S)o?[NX](?:o?[KO])?"),
+    ("share", "[TWYI]?S(?:o?[KO](?:oO)?J?)?"),
+    ("amplitude", "[jWo]?[ak]o?(?:oO)?J?[TYW]?Q|[WY]?Qo?[ak]"),
+    ("frequency", "[jWIo]?fo?J?[TYW]?Q|W?Qof"),
+    ("period", "[jWo]?qo?J?[TYW]?Q|W?Qoq"),
+    ("noun", "[afq](?:o[JO])?"),
+    ("rate", "W[KO]o?Q"),
+    ("at", "WQ(?:o[KO])?"),
+    ("later", "I?QE"),
+    ("to", "TQ(?:o?[KO])?"),
+    ("by", "YQ(?:o?[KO])?"),
+    ("for", "RQ"),
+    ("in", "IQ"),
+    ("in_or_to", "iQ"),
+    ("for_or_by", "rQ"),
+    ("within", "LQ"),
+    ("after", "DQ"),
+    ("every", "eQ"),
+    ("from", "F(?:[KO]o?)?Q"),
+    ("target", "o?(?:KoO|KO|OK|K|O)(?:o?J)?"),
+    ("plain", "o?Q(?:o?[KO])?"),
+    ("comparative", "b?m?M"),
+    ("bit", "b"),
+    ("direction", "U"),
+    ("verb", "V(?:o?J)?"),
+    ("pace", "[Cc]"),
+    ("here", "W?H"),
+    ("object", "^J"),
+    ("and", "(?!^)j(?!$)"),
+)
+"""What symbols in a row come to; the first that fits is taken."""
+_COMPILED = tuple((slot, re.compile(pattern.replace("^J", "J"))) for slot, pattern in PATTERNS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A number with its unit, and what it is for."""
+
+    value: float
+    unit: Unit | None
+    role: str
+    text: str
+    kind: str = ""
+    """"amplitude", "peak_to_peak", "speed", ... where a noun said so."""
+    output: int | None = None
+    """Which was named with it."""
+
+    @property
+    def said(self) -> float:
+        """In the base of its unit."""
+        return self.value * (self.unit or PLAIN).factor
+
+    @property
+    def base(self) -> str:
+        return self.unit.base if self.unit is not None else ""
+
+
+@dataclass(frozen=True)
+class Share:
+    """A factor of the present value, of the range, or of what was not said."""
+
+    factor: float
+    of: str
+    """"now", "range" or ""."""
+    role: str
+    text: str
+
+
+@dataclass(kw_only=True)
+class Clause:
+    """What one part of a sentence says."""
+
+    verbs: list[Symbol] = field(default_factory=list)
+    quantities: list[Quantity] = field(default_factory=list)
+    shares: list[Share] = field(default_factory=list)
+    paces: list[str] = field(default_factory=list)
+    directions: list[Symbol] = field(default_factory=list)
+    comparatives: list[tuple[float, bool, str]] = field(default_factory=list)
+    """Sign, whether only a bit, and what was said."""
+    targets: list[int] = field(default_factory=list)
+    nouns: list[str] = field(default_factory=list)
+    """"amplitude", "frequency" or "period" that stand alone."""
+    names: list[str] = field(default_factory=list)
+    delay: Quantity | None = None
+    condition: tuple[str, Quantity | None] | None = None
+    """"once" or "until", and which value is waited for; None: that nothing moves any more."""
+    here: str = ""
+    bit: str = ""
+    smoothly: bool = False
+
+    @property
+    def empty(self) -> bool:
+        return not (
+            self.verbs or self.quantities or self.shares or self.paces or self.directions or self.comparatives
+            or self.targets or self.names or self.delay or self.condition or self.here or self.nouns
+        )  # fmt: skip
+
+
+def clauses(found: Sequence[Symbol], vocabulary: Vocabulary) -> list[Clause]:
+    """The clauses of a sentence. Raises UserError for what can't be read, in a line that says what to write instead."""
+    made = [_Matcher(part, vocabulary).clause() for part in _parts(found)]
+    made = [clause for clause in made if not clause.empty]
+    if not made:
+        raise UserError("this asks for nothing: say for example 'go to', 'hold', 'swing between', 'home' or 'stop'")
+    if len(made) > MOST:
+        raise UserError(f"{len(made)} parts: a command has {MOST} at most; for more, follow a file")
+    return made
+
+
+def _parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
+    """Symbols between marks, "then", and an "and" or a comma before a verb."""
+    parts: list[list[Symbol]] = [[]]
+    for k, symbol in enumerate(found):
+        following = found[k + 1].kind if k + 1 < len(found) else ""
+        before = "".join(each.kind for each in parts[-1])
+        if symbol.kind == "!":
+            raise UserError(f"{symbol.text!r}: {symbol.value}")
+        if symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :])):
+            parts.append([])
+        elif symbol.kind != ",":
+            parts[-1].append(symbol)
+    return [part for part in parts if part]
+
+
+def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
+    """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then."""
+    if following in ("V", ";"):
+        return any(letter in "VUOKTM" for letter in before)
+    return following in ("Z", "z", "D") and any(symbol.kind == "V" for symbol in rest)
+
+
+class _Matcher:
+    """Fits patterns to the symbols of one clause."""
+
+    def __init__(self, part: Sequence[Symbol], vocabulary: Vocabulary) -> None:
+        self.part, self.vocabulary = part, vocabulary
+        self.made = Clause()
+        self.output: int | None = None
+        """That was named last, and has no value yet."""
+        self.noun = ""
+
+    def clause(self) -> Clause:
+        letters = "".join(symbol.kind for symbol in self.part)
+        at = 0
+        while at < len(letters):
+            for slot, pattern in _COMPILED:
+                match = pattern.match(letters, at)
+                if match and match.end() > at:
+                    self.slot(slot, self.part[at : match.end()], letters[at : match.end()])
+                    at = match.end()
+                    break
+            else:
+                raise UserError(self.without_meaning(at))
+        return self.made
+
+    def without_meaning(self, at: int) -> str:
+        symbol = self.part[at]
+        before = " ".join(each.text for each in self.part[max(0, at - 2) : at])
+        where = f"after {before!r}" if before else "at the beginning"
+        return f"{symbol.text!r} has no meaning {where}: leave it out, or say for example 'go to 1 {self.example}'"
+
+    @property
+    def example(self) -> str:
+        return self.vocabulary.outputs[self.vocabulary.tracked[0]].unit if self.vocabulary.tracked else ""
+
+    def slot(self, slot: str, part: Sequence[Symbol], letters: str) -> None:
+        """Note what a pattern has found."""
+        made, text = self.made, " ".join(symbol.text for symbol in part)
+        quantities = [symbol.value for symbol in part if symbol.kind == "Q"]
+        output = self.named([symbol for symbol in part if symbol.kind in "KO"], needed=slot not in ("rate",))
+        noun = next((str(symbol.value) for symbol in part if symbol.kind in "Kakfq"), "")
+        if slot == "in_or_to":  # Portuguese "em": "em 2 s", "aumente em 2 V"
+            slot = "in" if self.is_time(quantities[0][1]) else "by" if made.directions else "to"
+        if slot == "for_or_by":  # Portuguese "por": "por 2 s", "aumente por 2 V"
+            slot = "for" if quantities[0][1] is None or quantities[0][1].base in (TIME, COUNT) else "by"
+        if slot == "condition":
+            reached = self.quantity(quantities[0], "to", text, output=output) if quantities else None
+            made.condition = (part[0].value, reached)
+        elif slot in ("between", "range"):
+            made.quantities += [self.quantity(said, slot, text, output=output) for said in quantities]
+        elif slot == "share":
+            self.share(part, letters, text)
+        elif slot in ("amplitude", "frequency", "period"):
+            role = "to" if "T" in letters else "by" if "Y" in letters else ""
+            made.quantities.append(self.quantity(quantities[0], role, text, kind=noun or slot))
+        elif slot == "noun":
+            made.nouns.append(noun)
+        elif slot in ("later", "after") or (slot == "in" and self.begins() and self.is_time(quantities[0][1])):
+            if made.delay is not None:
+                raise UserError(f"{made.delay.text} and {text} contradict one another: leave one out")
+            made.delay = self.quantity(quantities[0], "for", text)
+        elif slot == "target":
+            self.output, self.noun = output, noun
+            made.targets += [output] if output is not None else []
+        elif quantities:
+            role = {"plain": "", "rate": "at"}.get(slot, slot)
+            made.quantities.append(self.quantity(quantities[0], role, text, kind=noun, output=output))
+        elif slot == "verb":
+            made.verbs.append(part[0])
+        elif slot == "direction":
+            made.directions.append(part[0])
+        elif slot == "pace":
+            if letters == "c":
+                made.smoothly = True
+            else:
+                made.paces.append(part[0].value)
+        elif slot == "comparative":
+            made.comparatives.append((part[-1].value, "b" in letters, text))
+        elif slot == "to_name":
+            if wrong := [symbol.text for symbol in part if symbol.kind == "K" and symbol.value != "value"]:
+                raise UserError(f"{wrong[0]!r} has no meaning beside a reference's name: leave it out")
+            made.names += [symbol.value for symbol in part if symbol.kind == "G"]
+        elif slot == "here":
+            made.here = text
+        elif slot == "bit":
+            made.bit = text
+        elif slot == "object" and self.made.empty and len(self.part) == 1:
+            raise UserError(f"{text!r} asks for nothing: say for example 'go to 1 {self.example}'")
+
+    def begins(self) -> bool:
+        """Whether no verb was said yet, or a stop, which takes no time."""
+        if [symbol.value for symbol in self.made.verbs] == ["halt"]:
+            return True
+        return not (self.made.verbs or self.made.targets or self.made.directions or self.made.quantities)
+
+    def is_time(self, unit: Unit | None) -> bool:
+        return unit is not None and unit.base == TIME
+
+    def quantity(
+        self, said: tuple[float, Unit | None], role: str, text: str, *, kind: str = "", output: int | None = None
+    ) -> Quantity:
+        """One, of the output that was named with it or last."""
+        value, unit = said
+        taken = output if output is not None else self.output
+        return Quantity(value=value, unit=unit, role=role, text=text, kind=kind or self.noun, output=taken)
+
+    def share(self, part: Sequence[Symbol], letters: str, text: str) -> None:
+        """A factor, or a percentage."""
+        factor = next((symbol.value for symbol in part if symbol.kind == "S"), None)
+        value, unit = next((symbol.value for symbol in part if symbol.kind == "Q"), (0.0, None))
+        if factor is None and (unit is None or unit.base != PERCENT):
+            raise UserError(f"{text!r}: a share is in %, or half, a third, a quarter, twice")
+        role = {"T": "to", "Y": "by", "W": "at", "I": "by"}.get(letters[0], "")
+        of = "now" if "N" in letters else "range" if "X" in letters else ""
+        self.made.shares.append(Share(factor=0.01 * value if factor is None else factor, role=role, text=text, of=of))
+        output = self.named([symbol for symbol in part if symbol.kind in "KO"])
+        self.made.targets += [output] if output is not None else []
+
+    def named(self, nouns: Sequence[Symbol], *, needed: bool = True) -> int | None:
+        """The output that nouns name together, None where there are none."""
+        own = {symbol.value for symbol in nouns if symbol.kind == "O"}
+        general = [symbol for symbol in nouns if symbol.kind == "K"]
+        if not nouns or (not own and not needed):
+            return None
+        found = own or set(self.vocabulary.tracked)
+        for symbol in general:
+            found &= {*self.vocabulary.of_kind(symbol.value)}
+        said = " ".join(symbol.text for symbol in nouns)
+        if not found:
+            raise UserError(f"{said!r} is nothing that commands steer here: they steer {self.vocabulary.steered}")
+        if len(found) > 1 and any(symbol.value != "value" for symbol in general):
+            listed = " or ".join(self.vocabulary.outputs[k].name for k in sorted(found))
+            raise UserError(f"do you mean {listed}? say which instead of {said!r}")
+        return found.pop() if len(found) == 1 else None

@@ -1,0 +1,117 @@
+"""Lexicons: what the phrases of a language mean in a command. The grammar is one for all languages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hybrid_sysid_ros.extensions.commander.language.stops import folded
+from hybrid_sysid_ros.support.structured import read_mapping
+
+LANGUAGES = ("en", "pt")
+LONGEST_PHRASE = 8
+"""Words."""
+VERBS = (
+    "go", "hold", "still", "step", "ramp", "swing", "square", "triangle", "chirp", "wait", "follow", "look", "repeat",
+    "undo", "home", "halt",
+)  # fmt: skip
+ROLES = {
+    "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "within": "L",
+    "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J", "here": "H",
+    "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X", "smoothly": "c",
+}  # fmt: skip
+"""Letters by which the grammar's patterns know them."""
+NOUNS = {
+    "position": "K", "angle": "K", "speed": "K", "height": "K", "value": "K", "amplitude": "a", "peak_to_peak": "k",
+    "frequency": "f", "period": "q",
+}  # fmt: skip
+SHARES = {"half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "double": 2.0, "triple": 3.0}
+DROPPED = ("polite", "articles")
+CONDITION = ("once", "settled", "it_is", "reaches")
+"""Parts of a condition, which mean nothing apart."""
+
+
+class Symbol(NamedTuple):
+    """What a phrase means: a letter for its kind, and a value of that kind."""
+
+    kind: str
+    value: Any
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Lexicon:
+    """The phrases of one language."""
+
+    name: str
+    table: Mapping[str, Any]
+
+    @cached_property
+    def meanings(self) -> Mapping[tuple[str, ...], tuple[tuple[str, Any], ...]]:
+        """Kinds and values by the words of a phrase; none for what is dropped."""
+        found: dict[tuple[str, ...], tuple[tuple[str, Any], ...]] = {}
+        self._enter(found, "articles", ())
+        self._enter(found, "polite", ())
+        for category, letter in {**ROLES, **NOUNS}.items():
+            self._enter(found, category, ((letter, category),))
+        for category, factor in SHARES.items():
+            self._enter(found, category, (("S", factor),))
+        for category, factor in {"halve": 0.5, "doubled": 2.0, "reversed": -1.0}.items():
+            self._enter(found, category, (("V", "go"), ("S", factor)))
+        for category in VERBS:
+            self._enter(found, category, (("V", category),))
+        for category, sign in {"raise": 1.0, "lower": -1.0}.items():
+            self._enter(found, category, (("V", "go"), ("U", sign)))
+        for category, sign in {"climb": 1.0, "sink": -1.0}.items():
+            self._enter(found, category, (("V", "go"), ("U", sign), ("h", "height")))
+        for category, sign in {"up": 1.0, "down": -1.0}.items():
+            self._enter(found, category, (("U", sign),))
+        for category, sign in {"faster": 1.0, "slower": -1.0}.items():
+            self._enter(found, category, (("M", sign),))
+        for category in ("slowly", "quickly"):
+            self._enter(found, category, (("C", category),))
+        self._enter(found, "then", ((";", "then"),))
+        for reason, phrases in self.table["refuse"].items():
+            for phrase in phrases:
+                found[tuple(folded(phrase).split())] = (("!", reason),)
+        return found
+
+    def _enter(self, found: dict[tuple[str, ...], Any], category: str, meaning: Any) -> None:
+        for phrase in self.table.get(category, ()):
+            found[tuple(folded(phrase).split())] = meaning
+
+    @cached_property
+    def parts(self) -> Mapping[str, frozenset[tuple[str, ...]]]:
+        """Phrases of conditions and of other words that are looked for in their place only."""
+        return {
+            category: frozenset(tuple(folded(phrase).split()) for phrase in self.table.get(category, ()))
+            for category in (*CONDITION, "articles", "point", "and_a_half", "object")
+        }
+
+    @cached_property
+    def units(self) -> Mapping[tuple[str, ...], str]:
+        """Symbols of units by their names."""
+        return {tuple(folded(name).split()): symbol for name, symbol in self.table["units"].items()}
+
+    @cached_property
+    def words(self) -> frozenset[str]:
+        """All single words that mean something somewhere."""
+        phrases = [*self.meanings, *self.units, *(phrase for part in self.parts.values() for phrase in part)]
+        single = {*self.table["numbers"], *self.table["signs"], *self.table.get("names", ())}
+        return frozenset(word for phrase in phrases for word in phrase) | single
+
+    def longest(self, phrases: Any, words: Sequence[str]) -> int:
+        """How many of the next words are one of some phrases, 0 if none."""
+        for count in range(min(LONGEST_PHRASE, len(words)), 0, -1):
+            if tuple(words[:count]) in phrases:
+                return count
+        return 0
+
+
+@cache
+def lexicon(name: str) -> Lexicon:
+    """That of a language."""
+    return Lexicon(name=name, table=read_mapping(Path(__file__).parent / "words" / f"{name}.yaml"))

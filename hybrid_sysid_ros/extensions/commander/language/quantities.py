@@ -1,0 +1,220 @@
+"""Quantities: numbers in digits and words, and the units behind them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from hybrid_sysid_ros.extensions.commander.language.lexicon import SHARES, Lexicon, Symbol
+from hybrid_sysid_ros.extensions.commander.language.stops import folded
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
+from hybrid_sysid_ros.rigs.units import Unit, named
+from hybrid_sysid_ros.support.errors import UserError
+
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Of a number but 0: beyond lies nothing that a rig reaches, and arithmetic ends."""
+
+
+class Token(NamedTuple):
+    """A piece of a text, and which it is: a number, a word, a mark ..."""
+
+    kind: str
+    text: str
+
+
+class QuantityReader:
+    """Tokens of a text, and how far they are read."""
+
+    def __init__(self, tokens: list[Token], lexicon: Lexicon, vocabulary: Vocabulary) -> None:
+        self.tokens, self.lexicon, self.vocabulary = tokens, lexicon, vocabulary
+        self.words = [folded(token.text) if token.kind == "word" else "" for token in tokens]
+        self.at = 0
+
+    def word(self) -> str:
+        return self.words[self.at] if self.at < len(self.words) else ""
+
+    def longest(self, phrases: object, skip: int = 0) -> int:
+        return self.lexicon.longest(phrases, self.words[self.at + skip :])
+
+    def quantity(self) -> Symbol | None:
+        """A number in digits or words, with its unit; None where there is none."""
+        start, sign = self.at, 0.0
+        signs, numbers = self.lexicon.table["signs"], self.lexicon.table["numbers"]
+        while self.word() in signs and self._number_follows():
+            if sign:
+                raise UserError("two signs before a number: write one")
+            sign, self.at = signs[self.word()], self.at + 1
+        token = self.tokens[self.at]
+        if token.kind == "number":
+            value = self.digits(token.text)
+            if sign and value < 0.0:
+                raise UserError(f"two signs before {abs(value):g}: write one")
+            self.at += 1
+            if value.is_integer() and self.word() in ("hundred", "thousand", "mil"):
+                value, self.at = value * numbers[self.word()], self.at + 1
+        elif self.word() in numbers or self.longest(self._spelled()):
+            if self.word() in ("um", "uma", "one") and not sign and not self._one():
+                return None
+            value = self.spelled()
+        elif self.article_for_one():
+            value = 1.0
+        elif share := self.share_of_a_unit():
+            value = share
+        else:
+            self.at = start
+            return None
+        if count := self.longest(self.lexicon.parts["and_a_half"]):
+            value, self.at = value + math.copysign(0.5, value), self.at + count
+        value *= sign or 1.0
+        if not math.isfinite(value):
+            raise UserError("a number without end: give one within the rig's limits")
+        if value and not SMALLEST <= abs(value) <= LARGEST:
+            raise UserError(f"{value:g} is nothing that a rig reaches: give a number from {SMALLEST:g} to {LARGEST:g}")
+        unit = self.unit_here()
+        if unit is not None and (count := self.longest(self.lexicon.parts["and_a_half"])):
+            value, self.at = value + math.copysign(0.5, value), self.at + count
+        return Symbol("Q", (value, unit), " ".join(token.text for token in self.tokens[start : self.at]))
+
+    def digits(self, text: str) -> float:
+        if "," in text and self.lexicon.table["decimal"] != ",":
+            raise UserError("a comma between digits: write decimals with a point, as in 1.5")
+        return float(text.replace(",", "."))
+
+    def _spelled(self) -> set[tuple[str, ...]]:
+        return {tuple(word.split()) for word in self.lexicon.table["numbers"]}
+
+    def _one(self) -> bool:
+        """Whether "one" is a number here: a unit or a decimal follows."""
+        following = self.words[self.at + 1 : self.at + 2]
+        return bool(following) and (
+            self.longest(self.lexicon.units, skip=1) > 0
+            or tuple(following) in self.lexicon.parts["point"]
+            or self.longest(self.lexicon.parts["and_a_half"], skip=1) > 0
+            or (self.at + 1 < len(self.tokens) and self._unit_at(self.at + 1) is not None)
+            or following[0] in ("hundred", "thousand")
+        )
+
+    def _number_follows(self) -> bool:
+        k = self.at + 1
+        if k >= len(self.tokens):
+            return False
+        return self.tokens[k].kind == "number" or self.words[k] in {
+            **self.lexicon.table["numbers"], **self.lexicon.table["signs"]
+        }  # fmt: skip
+
+    def article_for_one(self) -> bool:
+        """Whether "a volt" says one volt; the article is taken."""
+        if (self.word(),) not in self.lexicon.parts["articles"] or self.word() not in ("a", "an", "um", "uma"):
+            return False
+        if self.longest(self.lexicon.units, skip=1) or (
+            self.at + 1 < len(self.tokens) and self._unit_at(self.at + 1) is not None
+        ):
+            self.at += 1
+            return True
+        return False
+
+    def share_of_a_unit(self) -> float:
+        """Half of "half a volt" or "a quarter turn", which is taken; 0 where there is none."""
+        start = self.at
+        for category in ("half", "third", "quarter"):
+            phrases = {tuple(phrase.split()) for phrase in self.lexicon.table[category]}
+            if count := self.longest(phrases):
+                self.at += count + self.longest(self.lexicon.parts["articles"], skip=count)
+                if self.longest(self.lexicon.units) or (
+                    self.at < len(self.tokens) and self._unit_at(self.at) is not None
+                ):
+                    return SHARES[category]
+                self.at = start
+        return 0.0
+
+    def spelled(self) -> float:
+        """A number in words: "two hundred and fifty", "minus one point five"."""
+        numbers = self.lexicon.table["numbers"]
+        total = group = 0.0
+        while count := self.longest(self._spelled()):
+            value = numbers[" ".join(self.words[self.at : self.at + count])]
+            if value in (100.0, 1000.0) and self.words[self.at] not in ("cem", "cento"):
+                group = max(group, 1.0) * value
+            elif group and not self._fits(group, value):
+                break
+            else:
+                group += value
+            if group >= 1000.0:
+                total, group = total + group, 0.0
+            self.at += count
+            ahead = self.words[self.at : self.at + 2]
+            if (
+                len(ahead) == 2
+                and ahead[0] in ("and", "e")
+                and ahead[1] in numbers
+                and self._fits(total + group, numbers[ahead[1]])
+            ):
+                self.at += 1
+        value = total + group
+        if (
+            self.longest(self.lexicon.parts["point"])
+            and self.words[self.at + 1 : self.at + 2]
+            and (self.words[self.at + 1] in numbers or self.tokens[self.at + 1].kind == "number")
+        ):
+            self.at += 1
+            decimals = ""
+            while self.at < len(self.tokens) and (self.word() in numbers or self.tokens[self.at].kind == "number"):
+                said = numbers[self.word()] if self.word() in numbers else self.tokens[self.at].text
+                decimals, self.at = decimals + str(said), self.at + 1
+            value += float(f"0.{decimals}") if decimals.isdigit() else math.nan
+        return value
+
+    def _fits(self, before: float, value: float) -> bool:
+        """Whether a number may come behind another one as a part of it."""
+        return (
+            (before % 100 == 0 and value < 100) or (before % 10 == 0 and before % 100 >= 20 and value < 10)
+        ) and value > 0
+
+    # Units.
+
+    def unit_here(self) -> Unit | None:
+        """The unit at this place, which is taken; None where there is none."""
+        if self.at >= len(self.tokens):
+            return None
+        if count := self.longest(self.lexicon.units):
+            symbol = self.lexicon.units[tuple(self.words[self.at : self.at + count])]
+            self.at += count
+            return self.known_unit(symbol)
+        unit = self._unit_at(self.at)
+        if unit is not None:
+            self.at += 1
+        elif self.tokens[self.at].kind == "unit":
+            raise UserError(f"no unit {self.tokens[self.at].text[:40]!r}: known are {self.listed_units()}, s, Hz, %")
+        return unit
+
+    def _unit_at(self, k: int) -> Unit | None:
+        token = self.tokens[k]
+        if token.kind not in ("word", "unit"):
+            return None
+        symbol = token.text in self.vocabulary.units and (not token.text.islower() or token.text not in "aeo")
+        if token.kind == "word" and self.words[k] in self.lexicon.words and not symbol:
+            return None
+        return self.unit(token.text)
+
+    def unit(self, text: str) -> Unit | None:
+        """The unit of a token, None where it is none."""
+        if (own := self.vocabulary.units.get(text)) is not None:
+            return own
+        first, *below = text.split("/")
+        symbol = self.lexicon.units.get((folded(first),))
+        if symbol is None and below:
+            candidates = meant(folded(first), frozenset(word for (word, *_) in self.lexicon.units))
+            symbol = self.lexicon.units.get((candidates[0],)) if len(candidates) == 1 else None
+        return named("/".join([symbol or first, *below]))
+
+    def known_unit(self, symbol: str) -> Unit:
+        unit = named(symbol)
+        if unit is None:
+            raise UserError(f"no unit {symbol!r}: known are {self.listed_units()}, s, Hz, %")
+        return unit
+
+    def listed_units(self) -> str:
+        """The units of this rig's outputs."""
+        tracked = (self.vocabulary.outputs[k] for k in self.vocabulary.tracked)
+        found = [text for output in tracked for text in (output.unit, self.vocabulary.si(output)) if text]
+        return ", ".join(dict.fromkeys([*found, *(["deg"] if "rad" in found else [])]))

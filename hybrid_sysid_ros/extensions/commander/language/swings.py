@@ -1,0 +1,130 @@
+"""Swings: what a clause about sines, square waves, triangles and chirps asks for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hybrid_sysid_ros.extensions.commander.language.clauses import Quantity
+from hybrid_sysid_ros.extensions.commander.language.commands import Swing
+from hybrid_sysid_ros.extensions.commander.language.values import SHORTEST, Values
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
+from hybrid_sysid_ros.support.errors import UserError
+
+PERIODS = 10
+"""Of a swing that nobody says a length of."""
+CHIRP_SECONDS = 20.0
+"""Of a chirp that nobody says a length of."""
+SHAPES = {"swing": "sine", "chirp": "sine", "square": "square", "step": "square", "triangle": "triangle"}
+
+
+class SwingMeaning:
+    """Takes what a swing can take from a clause."""
+
+    def __init__(self, values: Values, verb: str) -> None:
+        self.values, self.verb = values, verb
+        self.shape = SHAPES[verb]
+
+    def command(self) -> Swing:
+        values = self.values
+        first, last = self.frequencies()
+        low, high, output, relative = self.range()
+        values.clause.targets = [k for k in values.clause.targets if k != output]
+        if values.clause.targets:
+            raise UserError(f"{self.verb} moves one output: leave out all but one")
+        count = values.take(lambda item: item.base == COUNT)
+        seconds = values.seconds("for", "in", "")
+        if count is not None and seconds is not None:
+            raise UserError("a time and a count contradict one another: leave one out")
+        if self.verb == "chirp":
+            if count is not None:
+                raise UserError("a chirp has no count: say for how many seconds")
+            length = CHIRP_SECONDS if seconds is None else seconds
+        else:
+            periods = PERIODS if count is None else count.value
+            length = periods / first if seconds is None else seconds
+        if length < SHORTEST:
+            raise UserError(f"{length:.3g} s are no swing: give {SHORTEST:g} s or more")
+        return Swing(
+            output=output, low=low, high=high, frequency=first, last_frequency=last, seconds=length, shape=self.shape,
+            relative=relative,
+        )  # fmt: skip
+
+    def frequencies(self) -> tuple[float, float | None]:
+        """The first and, of a chirp, the last one [Hz]."""
+        values = self.values
+        if self.verb == "chirp":
+            ends = [item for item in values.left if item.role in ("between", "range") and FREQUENCY in self.bases(item)]
+            if len(ends) != 2:
+                raise UserError(
+                    "chirp over which frequencies? say 'chirp from 0.1 to 2 Hz with an amplitude of 1 V for 20 s'"
+                )
+            for item in ends:
+                values.left.remove(item)
+            first, last = (item.value if item.unit is None else item.said for item in ends)
+            if ends[0].unit is None and ends[1].unit is not None:
+                first = replace(ends[0], unit=ends[1].unit).said
+            if first == last:
+                raise UserError("both frequencies are the same: say swing")
+            return self.above_zero(first), self.above_zero(last)
+        frequency = values.take(lambda item: item.base == FREQUENCY and item.kind in ("", "frequency"))
+        period = values.take(lambda item: item.kind == "period")
+        every = values.seconds("every", "at")
+        if sum(given is not None for given in (frequency, period, every)) > 1:
+            raise UserError("a frequency and a period contradict one another: leave one out")
+        if frequency is not None:
+            return self.above_zero(frequency.said), None
+        if period is not None:
+            if period.base != TIME:
+                raise UserError(f"{period.text!r}: a period is a time, as in 'with a period of 4 s'")
+            return self.above_zero(1.0 / values.time(period)), None
+        if every:
+            return 1.0 / ((2.0 if self.verb == "step" else 1.0) * every), None
+        raise UserError(f"{self.verb} how often? say 'at 0.2 Hz' or 'every 5 s'")
+
+    def bases(self, item: Quantity) -> set[str]:
+        """Of a quantity's unit, or of its pair's, which may stand for both."""
+        paired = [each.base for each in self.values.left if each.text == item.text]
+        return {*paired}
+
+    def above_zero(self, hertz: float) -> float:
+        if hertz <= 0.0:
+            raise UserError(f"{hertz:g} Hz is no frequency: give one above 0")
+        return hertz
+
+    def range(self) -> tuple[float, float, int, bool]:
+        """Between which values of which output, and whether they count from where it is."""
+        values = self.values
+        ends = [
+            item for item in values.left if item.role in ("between", "range", "from", "to") and item.kind != "amplitude"
+        ]
+        centre, span = values.one("around"), None
+        if not ends:
+            span = values.take(self.is_span)
+        if span is not None:
+            return self.about(span, centre)
+        if len(ends) != 2 or centre is not None:
+            raise UserError(f"{self.verb} between what? say 'between -1 and 1 {values.example}'")
+        for item in ends:
+            values.left.remove(item)
+        first, last = ends
+        if first.unit is None and first.value != 0.0:
+            first = replace(first, unit=last.unit)
+        output = values.output(first if first.unit is not None else last)
+        return values.value(first, output), values.value(last, output), output, False
+
+    def is_span(self, item: Quantity) -> bool:
+        return item.kind in ("amplitude", "peak_to_peak") or (
+            item.role in ("by", "plus_minus", "at", "") and item.base not in (TIME, FREQUENCY, COUNT)
+        )
+
+    def about(self, span: Quantity, centre: Quantity | None) -> tuple[float, float, int, bool]:
+        """Around a centre, 0 by default, or around where it is after "by"."""
+        values = self.values
+        target = values.clause.targets
+        if span.output is None and len(target) == 1:
+            span = replace(span, output=target[0])
+        output = values.output(span)
+        here, values.clause.here = values.clause.here, ""
+        middle = 0.0 if centre is None else values.value(centre, output)
+        most = abs(values.value(span, output, relative=True)) * (0.5 if span.kind == "peak_to_peak" else 1.0)
+        return middle - most, middle + most, output, centre is None and (span.role == "by" or bool(here))

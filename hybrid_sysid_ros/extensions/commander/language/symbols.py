@@ -1,0 +1,229 @@
+"""Symbols: a text cut into what its phrases mean in one language, typing slips mended; every word means something."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Iterator, Sequence
+from typing import Any
+
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
+from hybrid_sysid_ros.extensions.commander.language.quantities import QuantityReader, Token
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
+from hybrid_sysid_ros.support.errors import UserError
+
+LONGEST = 300  # characters of a sentence
+TOKEN = re.compile(
+    r"""\s*(?:
+      (?P<number>[+-]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.]*\d))
+    | (?P<sign>\+/?-|±)
+    | (?P<path>"[^"]{1,200}"|'[^']{1,200}'|[\w~-][\w./~-]*\.(?i:csv|txt|jpe?g|png)\b)
+    | (?P<unit>(?:%|°C?)(?:/(?:s|min)(?:\^2)?)?|[^\W\d_]+(?:/(?:s|min|h|sec|second)(?:\^2|²)?\b))
+    | (?P<word>[^\W\d_](?:[\w]|[-'](?=[^\W\d_]))*|&|=)
+    | (?P<mark>[,;.!?:\n])
+    )""",
+    re.VERBOSE,
+)
+PHRASES = (
+    (re.compile(r"\b(?:per|a|por)\s+sec(?:ond)?s?\b|\bpor\s+segundo\b", re.I), "/s "),
+    (re.compile(r"\bper\s+min(?:ute)?s?\b|\bpor\s+minuto\b", re.I), "/min "),
+    (re.compile(r"\bper\s+h(?:our)?\b|\bpor\s+hora\b", re.I), "/h "),
+    (re.compile(r"(?<=\w)\s*/\s*(s|min|h|seg)\b", re.I), lambda match: "/" + match[1].lower().replace("seg", "s")),
+    (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
+    (re.compile(r"(?<=\d)(?=[^\W\d_])(?![eE][+-]?\d)"), " "),
+)
+"""What is written in several words, and units that touch their number."""
+LOOKALIKES = str.maketrans(
+    {
+        **{"\u2212": "-", "\u2013": "-", "\u2014": ",", "\u2019": "'", "\u00ba": "°", "\u03bc": "µ"},
+        **{"\t": " ", "\u00bf": " ", "\u00a1": " ", "\u2026": "."},
+    }
+)
+"""Minus, dashes, apostrophe, ordinal, Greek mu and Spanish marks, as editors and phones write them."""
+
+
+def symbols(text: str, lexicon: Lexicon, vocabulary: Vocabulary) -> list[Symbol]:
+    """What a text says, symbol by symbol. Raises UserError for what means nothing in this language."""
+    if not text.strip():
+        raise UserError("empty: say for example 'hold 0'")
+    if len(text) > LONGEST:
+        raise UserError(f"{len(text)} characters: a command has {LONGEST} at most; for more, follow a file")
+    said = text.translate(LOOKALIKES)
+    for phrase, other in PHRASES:
+        said = phrase.sub(other, said)
+    return _Reader(list(_tokens(said, vocabulary.rig.references)), lexicon, vocabulary).symbols()
+
+
+def _tokens(text: str, whole: Container[str]) -> Iterator[Token]:
+    """Kinds and texts of what a sentence is made of; words with a dash are two but for those in ``whole``."""
+    position, end = 0, len(text.rstrip())
+    while position < end:
+        match = TOKEN.match(text, position)
+        if match is None or match.end() == position:
+            wrong = text[position:].lstrip()[:1]
+            raise UserError(f"{wrong!r} means nothing in a command: words, numbers and units only")
+        position, kind = match.end(), str(match.lastgroup)
+        if kind == "word" and match[kind] not in whole:
+            yield from (Token(kind, part) for part in re.split(r"[-_]", match[kind]))
+        else:
+            yield Token(kind, match[kind])
+
+
+class _Reader(QuantityReader):
+    """Reads tokens from left to right."""
+
+    def __init__(self, tokens: list[Token], lexicon: Lexicon, vocabulary: Vocabulary) -> None:
+        super().__init__(tokens, lexicon, vocabulary)
+        self.found: list[Symbol] = []
+
+    def symbols(self) -> list[Symbol]:
+        self.mend()
+        while self.at < len(self.tokens):
+            self.take()
+        return self.found
+
+    def mend(self) -> None:
+        """Put known words in the places of their slips. Raises UserError for a word that nothing resembles."""
+        known, numbers = self.lexicon.words | self.vocabulary.words, self.lexicon.table["numbers"]
+        for k, (token, word) in enumerate(zip(self.tokens, self.words, strict=True)):
+            if token.kind != "word" or word in known or self._follows(k):
+                continue
+            after_number = k > 0 and (self.tokens[k - 1].kind == "number" or self.words[k - 1] in numbers)
+            if self.unit(token.text) is not None:
+                continue
+            self.words[k] = self.mended(k, word, known, after_number)
+
+    def mended(self, k: int, word: str, known: frozenset[str], after_number: bool) -> str:
+        """The known word that a slip stands for. Raises UserError where there is none, or there are several."""
+        candidates = meant(word, known)
+        single = {**self.lexicon.meanings, **self.vocabulary.phrases}
+        own = tuple(each for each in candidates if (each,) in single)
+        units = tuple(each for each in candidates if (each,) in self.lexicon.units)
+        candidates = (after_number and units) or own or candidates
+        meanings = {single.get((each,), self.lexicon.units.get((each,), each)) for each in candidates}
+        if len(meanings) == 1:
+            return candidates[0]
+        for place in range(len(self.words)):  # a negation says more than a word that nobody knows
+            count = self.lexicon.longest(self.lexicon.meanings, self.words[place:])
+            said = tuple(self.words[place : place + count])
+            for kind, reason in self.lexicon.meanings[said] if count else ():
+                if kind == "!":
+                    raise UserError(f"{' '.join(said)!r}: {reason}")
+        if after_number and not candidates:
+            raise UserError(f"no unit {self.tokens[k].text[:40]!r}: known are {self.listed_units()}, s, Hz, %")
+        raise UnknownWordError(self.tokens[k].text, candidates)
+
+    def _follows(self, k: int) -> bool:
+        """Whether a word is a reference of the rig's that is to be followed."""
+        return self.tokens[k].text in self.vocabulary.rig.references
+
+    def take(self) -> None:
+        """The next phrase."""
+        token = self.tokens[self.at]
+        if token.kind == "mark":
+            self.at += 1
+            self.found.append(Symbol("," if token.text in ",:" else ";", token.text, token.text))
+        elif token.kind == "sign":
+            self.at += 1
+            self.found.append(Symbol("p", "±", token.text))
+        elif token.kind == "path":
+            self.at += 1
+            self.found.append(Symbol("G", token.text.strip("\"'"), token.text))
+        elif token.kind == "unit":
+            raise UserError(f"{token.text!r} has no number before it: write for example '3 {token.text}'")
+        elif (quantity := self.quantity()) is not None:
+            self.found.append(quantity)
+        else:
+            self.phrase()
+
+    # Phrases.
+
+    def phrase(self) -> None:
+        """The longest phrase that begins here, of the language or of the rig."""
+        words = self.words[self.at :]
+        if self.condition():
+            return
+        own, count = self.vocabulary.longest(words, self.lexicon), self.longest(self.lexicon.meanings)
+        text = self.tokens[self.at].text
+        before = next((symbol.kind for symbol in reversed(self.found) if symbol.kind not in ","), "")
+        if text in self.vocabulary.rig.references and self._asks_to_follow():
+            self.at += 1
+            self.found.append(Symbol("G", text, text))
+        elif (
+            own is not None
+            and (own[0] >= count or own[1].kind == "O")
+            and not (count and self._verb_here(own[1], before))
+        ):
+            self.at += own[0]
+            self.found.append(own[1])
+        elif count == 1 and self._article():
+            self.at += 1
+        elif count:
+            self.mean(self.lexicon.meanings[tuple(words[:count])], " ".join(words[:count]))
+            self.at += count
+        elif self.unit(text) is not None or self.longest(self.lexicon.units):
+            raise UserError(f"{text!r} has no number before it: write for example '3 {text}'")
+        else:
+            raise UnknownWordError(text, ())
+
+    def mean(self, meanings: Sequence[tuple[str, Any]], said: str) -> None:
+        """Note what a phrase means. "Climb" names the height, where there is one."""
+        height = self.vocabulary.of_kind("height")
+        self.found += [Symbol(kind, value, said) for kind, value in meanings if kind != "h"]
+        if height and any(kind == "h" for kind, _ in meanings):
+            self.found.append(Symbol("O", height[0], said))
+
+    def _article(self) -> bool:
+        """Whether a word that is an article or a preposition is an article here: no number follows."""
+        if (self.word(),) not in self.lexicon.parts["articles"]:
+            return False
+        return self.at + 1 >= len(self.tokens) or not (
+            self._number_follows() or self.tokens[self.at + 1].kind == "sign"
+        )
+
+    def _asks_to_follow(self) -> bool:
+        verbs = [symbol.value for symbol in self.found if symbol.kind == "V"]
+        return bool(verbs) and verbs[-1] == "follow"
+
+    def _verb_here(self, own: Symbol, before: str) -> bool:
+        """Whether a word that names an input, too, is a verb: it begins the clause."""
+        return (
+            own.kind == "!"
+            and before in ("", ";", "j")
+            and bool(self.lexicon.meanings.get((self.word(),), ((" ",),))[0][0] == "V")
+        )
+
+    def condition(self) -> bool:
+        """A condition such as "once it is still" or "when it reaches 3 V"."""
+        parts = self.lexicon.parts
+        count = self.longest(parts["once"])
+        if not count:
+            return False
+        start, begin = " ".join(self.words[self.at : self.at + count]), count
+        for _ in range(3):
+            count += max(self.longest(parts[kind], skip=count) for kind in ("it_is", "articles", "object"))
+        until = start in ("until", "till", "ate que") or start.startswith(("wait", "espere"))
+        if self.longest(self.lexicon.meanings) > begin:
+            return False  # "once more"
+        reaches = max(self.longest(parts["reaches"], skip=begin), self.longest(parts["reaches"], skip=count))
+        if (settled := self.longest(parts["settled"], skip=count)) and settled >= reaches:
+            self.at += count + settled
+            self.found.append(Symbol("Z", "until" if until else "once", f"{start} it is still"))
+            return True
+        if reaches:
+            self.at += (begin if self.longest(parts["reaches"], skip=begin) else count) + reaches
+            self.found.append(Symbol("z", "until" if until else "once", start))
+            return True
+        if tuple(self.words[self.at : self.at + begin]) in self.lexicon.meanings:
+            return False
+        raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1 V' or 'in 5 s'")
+
+
+class UnknownWordError(UserError):
+    """A word that means nothing."""
+
+    def __init__(self, word: str, candidates: tuple[str, ...]) -> None:
+        hint = (
+            f"did you mean {' or '.join(candidates[:3])}?" if candidates
+            else "say for example 'go to', 'hold', 'ramp to', 'step to', 'swing between', 'home' or 'stop'"
+        )  # fmt: skip
+        super().__init__(f"unknown word {word[:40]!r}: {hint}")

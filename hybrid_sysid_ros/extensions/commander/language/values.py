@@ -1,0 +1,120 @@
+"""Values: quantities of a clause in the units of the outputs that they are of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, of_rig
+from hybrid_sysid_ros.runtime.configuration import SetPointRange
+from hybrid_sysid_ros.support.errors import UserError
+
+SHORTEST = 1e-3
+"""Seconds that are told apart."""
+
+
+class Values:
+    """The quantities of one clause, and what is left of them."""
+
+    def __init__(self, clause: Clause, vocabulary: Vocabulary) -> None:
+        self.clause, self.vocabulary = clause, vocabulary
+        self.left = list(clause.quantities)
+
+    @property
+    def pace(self) -> str:
+        return self.clause.paces[0] if self.clause.paces else ""
+
+    @property
+    def example(self) -> str:
+        """A unit of this rig."""
+        return self.vocabulary.outputs[self.vocabulary.tracked[0]].unit if self.vocabulary.tracked else ""
+
+    def take(self, condition: Callable[[Quantity], bool]) -> Quantity | None:
+        """The one quantity of a kind, which is then used. Raises UserError for two."""
+        found = [item for item in self.left if condition(item)]
+        if len(found) > 1:
+            raise UserError(f"{described(found[0])} and {described(found[1])} contradict one another: leave one out")
+        for item in found:
+            self.left.remove(item)
+        return found[0] if found else None
+
+    def one(self, role: str) -> Quantity | None:
+        return self.take(lambda item: item.role == role)
+
+    def seconds(self, *roles: str) -> float | None:
+        """A time [s] after one of these words."""
+        for item in self.left:
+            if item.role in roles and item.role in ("for", "in", "within", "every") and item.unit is None:
+                raise UserError(f"{item.role} {item.value:g} of what? say for example '{item.role} {item.value:g} s'")
+        found = self.take(lambda item: item.role in roles and item.base == TIME and item.kind != "period")
+        return None if found is None else self.time(found)
+
+    def time(self, item: Quantity) -> float:
+        if item.said < SHORTEST:
+            raise UserError(f"{described(item)} is no time to plan with: give {SHORTEST:g} s or more")
+        return item.said
+
+    def delay(self) -> float:
+        """Of the clause [s]."""
+        delay = self.clause.delay
+        if delay is None or delay.base != TIME:
+            raise UserError(f"{delay.text if delay else 'this'!r} is no time: say for example 'in 5 s'")
+        return self.time(delay)
+
+    def is_rate(self, item: Quantity) -> bool:
+        """Whether a quantity is some output's unit a second, beside a goal of that output."""
+        if item.unit is None or item.unit.base in (TIME, FREQUENCY, COUNT):
+            return False
+        goals = [each for each in self.left if each is not item and each.role in ("", "to", "by")] or self.clause.shares
+        return any(
+            item.unit.alike(unit.rate) for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)
+        ) and bool(goals)
+
+    def output(self, item: Quantity) -> int:
+        """Which output a quantity is of: as it was named, or the only one that has such a unit."""
+        if item.output is not None:
+            return item.output
+        tracked, unit = self.vocabulary.tracked, item.unit
+        if len(tracked) == 1:
+            return tracked[0]
+        alike = [k for k in tracked if unit and any(unit.alike(other) for other in self.vocabulary.units_of(k))]
+        if len(alike) != 1:
+            raise UserError(f"{described(item)} of which output? name one of {self.vocabulary.steered}")
+        return alike[0]
+
+    def value(self, item: Quantity, output: int, relative: bool = False) -> float:
+        """A value of an output, as it is shown. Raises UserError for a unit that measures something else, or none."""
+        shown = self.vocabulary.outputs[output]
+        if item.unit is None:
+            if item.value == 0.0 or not shown.unit or shown.unit == "1":
+                return item.value
+            raise UserError(
+                f"{item.value:g} of what? {shown.name} is in {shown.unit}: say '{item.value:g} {shown.unit}'"
+            )
+        if item.unit.base == PERCENT:
+            if relative:
+                return 0.01 * item.value * 0.5 * (shown.high - shown.low)
+            return 0.01 * abs(item.value) * (shown.low if item.value < 0.0 else shown.high)
+        return self.shown(item, shown)
+
+    def shown(self, item: Quantity, output: SetPointRange, *, per: int = 0) -> float:
+        """A quantity in the output's shown unit, or that a second."""
+        if item.unit is None:
+            raise UserError(f"{item.value:g} of what? say '{item.value:g} {output.unit}{'/s' * per}'")
+        own, si = of_rig(output.unit), of_rig(self.vocabulary.si(output))
+        own, si = (unit._replace(per=unit.per + per) for unit in (own, si))
+        if item.unit.alike(own):
+            return item.said / own.factor
+        if item.unit.alike(si):
+            return item.said * si.factor / output.scale
+        raise UserError(f"{item.text!r} is no {output.name}: say it in {output.unit}{'/s' * per}")
+
+
+def described(item: Quantity) -> str:
+    """A quantity as it was understood."""
+    if item.unit is None:
+        return f"{item.value:g}"
+    if item.unit.base == PERCENT:
+        return f"{item.value:g} %"
+    return f"{item.said:.4g} {item.unit.base}{('', '/s', '/s^2')[min(item.unit.per, 2)]}"
