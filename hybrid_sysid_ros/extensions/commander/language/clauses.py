@@ -12,6 +12,8 @@ from hybrid_sysid_ros.rigs.units import COUNT, PERCENT, PLAIN, TIME, Unit
 from hybrid_sysid_ros.support.errors import UserError
 
 MOST = 20  # clauses
+LITTLE, MORE, MUCH = 0.1, 0.2, 0.5
+"""By which "a bit slower", "slower" and "much slower" change a speed or a frequency."""
 PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS; Q: a quantity, O: an output by name
     ("to_name", "[TW]?K?GK?"),
     ("condition", "Z|z[KO]?T?Q"),
@@ -21,7 +23,7 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("plus_minus", "[WY]?pQ"),
     ("around", "A(?:[KO]o?)?Q"),
     ("share", "[TWY]?(?:Q|S)o?[NX](?:o?[KO])?"),
-    ("share", "[TWYI]?S(?:o?[KO](?:oO)?J?)?"),
+    ("share", "[TWYI]?S(?:o?[KO](?:oO)?)?(?:o?J)?"),
     ("amplitude", "[jWo]?[ak]o?(?:oO)?J?[TYW]?Q|[WY]?Qo?[ak]"),
     ("frequency", "[jWIo]?fo?J?[TYW]?Q|W?Qof"),
     ("period", "[jWo]?qo?J?[TYW]?Q|W?Qoq"),
@@ -43,15 +45,16 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("plain", "o?Q(?:o?[KO])?"),
     ("comparative", "b?m?M"),
     ("bit", "b"),
-    ("direction", "U"),
+    ("direction", "U(?:o?J)?"),
+    ("home_place", "[TWo]?u"),
     ("verb", "V(?:o?J)?"),
     ("pace", "[Cc]"),
     ("here", "W?H"),
-    ("object", "^J"),
+    ("object", "J"),
     ("and", "(?!^)j(?!$)"),
 )
 """What symbols in a row come to; the first that fits is taken."""
-_COMPILED = tuple((slot, re.compile(pattern.replace("^J", "J"))) for slot, pattern in PATTERNS)
+_COMPILED = tuple((slot, re.compile(pattern)) for slot, pattern in PATTERNS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +89,8 @@ class Share:
     """"now", "range" or ""."""
     role: str
     text: str
+    word: str
+    """That says the factor."""
 
 
 @dataclass(kw_only=True)
@@ -97,8 +102,8 @@ class Clause:
     shares: list[Share] = field(default_factory=list)
     paces: list[str] = field(default_factory=list)
     directions: list[Symbol] = field(default_factory=list)
-    comparatives: list[tuple[float, bool, str]] = field(default_factory=list)
-    """Sign, whether only a bit, and what was said."""
+    comparatives: list[tuple[float, str]] = field(default_factory=list)
+    """Factors, and what was said."""
     targets: list[int] = field(default_factory=list)
     nouns: list[str] = field(default_factory=list)
     """"amplitude", "frequency" or "period" that stand alone."""
@@ -147,7 +152,7 @@ def _parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
 def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
     """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then."""
     if following in ("V", ";"):
-        return any(letter in "VUOKTM" for letter in before)
+        return any(letter in "VUOKTMu" for letter in before)
     return following in ("Z", "z", "D") and any(symbol.kind == "V" for symbol in rest)
 
 
@@ -167,7 +172,7 @@ class _Matcher:
         while at < len(letters):
             for slot, pattern in _COMPILED:
                 match = pattern.match(letters, at)
-                if match and match.end() > at:
+                if match and match.end() > at and not (slot == "object" and at):
                     self.slot(slot, self.part[at : match.end()], letters[at : match.end()])
                     at = match.end()
                     break
@@ -217,6 +222,8 @@ class _Matcher:
         elif quantities:
             role = {"plain": "", "rate": "at"}.get(slot, slot)
             made.quantities.append(self.quantity(quantities[0], role, text, kind=noun, output=output))
+        elif slot == "home_place":
+            made.verbs.append(Symbol("V", "home", text))
         elif slot == "verb":
             made.verbs.append(part[0])
         elif slot == "direction":
@@ -227,7 +234,8 @@ class _Matcher:
             else:
                 made.paces.append(part[0].value)
         elif slot == "comparative":
-            made.comparatives.append((part[-1].value, "b" in letters, text))
+            step = LITTLE if "b" in letters else MUCH if "m" in letters else MORE
+            made.comparatives.append((1.0 + step * part[-1].value, text))
         elif slot == "to_name":
             if wrong := [symbol.text for symbol in part if symbol.kind == "K" and symbol.value != "value"]:
                 raise UserError(f"{wrong[0]!r} has no meaning beside a reference's name: leave it out")
@@ -263,8 +271,11 @@ class _Matcher:
         if factor is None and (unit is None or unit.base != PERCENT):
             raise UserError(f"{text!r}: a share is in %, or half, a third, a quarter, twice")
         role = {"T": "to", "Y": "by", "W": "at", "I": "by"}.get(letters[0], "")
+        word = next((symbol.text for symbol in part if symbol.kind == "S"), "")
         of = "now" if "N" in letters else "range" if "X" in letters else ""
-        self.made.shares.append(Share(factor=0.01 * value if factor is None else factor, role=role, text=text, of=of))
+        self.made.shares.append(
+            Share(factor=0.01 * value if factor is None else factor, role=role, text=text, of=of, word=word)
+        )
         output = self.named([symbol for symbol in part if symbol.kind in "KO"])
         self.made.targets += [output] if output is not None else []
 

@@ -73,6 +73,7 @@ class Lexicon:
             self._enter(found, category, (("M", sign),))
         for category in ("slowly", "quickly"):
             self._enter(found, category, (("C", category),))
+        self._enter(found, "home_place", (("u", "home"),))
         self._enter(found, "then", ((";", "then"),))
         for reason, phrases in self.table["refuse"].items():
             for phrase in phrases:

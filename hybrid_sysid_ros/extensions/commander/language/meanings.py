@@ -25,8 +25,8 @@ from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
-BIT, MORE = 0.05, 0.2
-"""Of the set-points' range, and of a speed or frequency, by which "a bit" and "slower" change them."""
+BIT = 0.05
+"""Of half the set-points' range, by which "up a bit" changes them."""
 
 
 class Meaning(Values):
@@ -98,6 +98,7 @@ class Meaning(Values):
             raise UserError(f"{self.verb} can't be {clause.paces[0]} here: give its time or frequency alone")
         said = [share.text for share in clause.shares] + [text for *_, text in clause.comparatives]
         said += [symbol.text for symbol in clause.directions] + clause.nouns + [clause.bit, clause.here]
+        said += ["smoothly"] if clause.smoothly and getattr(made, "shape", "smooth") != "smooth" else []
         for text in filter(None, said):
             raise UserError(f"{text!r} has no meaning with {self.verb} here: leave it out")
         if isinstance(made, Home | Repeat | Undo | Wait | Follow) and clause.targets:
@@ -149,6 +150,8 @@ class Meaning(Values):
         seconds = self.seconds("for")
         if not self.left and not clause.shares:
             return self.stay(seconds or 0.0)
+        if clause.directions:
+            raise UserError(f"hold takes no direction: say 'go {clause.directions[0].text}', or where to hold")
         times = [item for item in self.left if item.base == TIME and item.role not in ("in", "within")]
         if times:
             raise UserError(
@@ -189,10 +192,9 @@ class Meaning(Values):
 
     def compared(self) -> Command:
         """What "slower" asks for: of a speed another value, of the last swing another frequency."""
-        ((sign, bit, text), *more) = self.clause.comparatives
+        ((factor, text), *more) = self.clause.comparatives
         if more or self.left or self.clause.shares:
             raise UserError(f"{text!r} by how much? say it alone, or a value alone, as in 'go to 1 {self.example}'")
-        factor = (1.0 + sign * MORE) if not bit else (1.0 + sign * BIT * 2.0)
         targets, self.clause.comparatives = self.clause.targets or self.vocabulary.of_kind("speed"), []
         self.clause.targets = []
         return Adjust(noun="speed" if len(targets) == 1 else "frequency", value=factor, how="times")
@@ -298,13 +300,8 @@ class Meaning(Values):
             output = self.only(self.clause.targets, share.text)
             shown = self.vocabulary.outputs[output]
             factor = share.factor
-            halving = (
-                any(symbol.value == "go" for symbol in self.clause.verbs)
-                and share.role == ""
-                and not sign
-                and not share.of
-            )
-            if share.role == "by" or (sign and share.role == ""):
+            halving = not share.of and any(symbol.text == share.word for symbol in self.clause.verbs)
+            if not halving and (share.role == "by" or (sign and share.role == "")):
                 if not share.of and share.factor > 1.0:
                     raise UserError(f"{share.text!r} of what? say 'double it', or by how much")
                 factor = 1.0 + (sign or 1.0) * factor

@@ -87,7 +87,7 @@ def _patterns() -> _Patterns:
         emergency=re.compile(rf"(?<= ){emergency}"),
         stop=re.compile(stop),
         not_stop=re.compile(not_stop),
-        slips=frozenset(slip for word in table["slips"] for slip in _slips(word)) - {"step"},
+        slips=frozenset(slip for word in table["slips"] for slip in _slips(word) if len(slip) >= SHORTEST) - {"step"},
         articles=frozenset(table["articles"]),
     )
 

@@ -28,6 +28,7 @@ PHRASES = (
     (re.compile(r"\bper\s+min(?:ute)?s?\b|\bpor\s+minuto\b", re.I), "/min "),
     (re.compile(r"\bper\s+h(?:our)?\b|\bpor\s+hora\b", re.I), "/h "),
     (re.compile(r"(?<=\w)\s*/\s*(s|min|h|seg)\b", re.I), lambda match: "/" + match[1].lower().replace("seg", "s")),
+    (re.compile(r"/s\s*/\s*s\b"), "/s^2"),
     (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
     (re.compile(r"(?<=\d)(?=[^\W\d_])(?![eE][+-]?\d)"), " "),
 )
@@ -192,6 +193,14 @@ class _Reader(QuantityReader):
             and bool(self.lexicon.meanings.get((self.word(),), ((" ",),))[0][0] == "V")
         )
 
+    def _noun(self, skip: int) -> int:
+        """How many of the words behind the next ones name an output."""
+        words = self.words[self.at + skip :]
+        own, count = self.vocabulary.longest(words, self.lexicon), self.longest(self.lexicon.meanings, skip=skip)
+        if own is not None and own[1].kind == "O":
+            return own[0]
+        return count if count and self.lexicon.meanings[tuple(words[:count])][0][0] == "K" else 0
+
     def condition(self) -> bool:
         """A condition such as "once it is still" or "when it reaches 3 V"."""
         parts = self.lexicon.parts
@@ -201,6 +210,7 @@ class _Reader(QuantityReader):
         start, begin = " ".join(self.words[self.at : self.at + count]), count
         for _ in range(3):
             count += max(self.longest(parts[kind], skip=count) for kind in ("it_is", "articles", "object"))
+            count += self._noun(count)
         until = start in ("until", "till", "ate que") or start.startswith(("wait", "espere"))
         if self.longest(self.lexicon.meanings) > begin:
             return False  # "once more"

@@ -240,7 +240,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     # Text that is no command, or code.
     (BEAM, "", Refused("empty")),
     (BEAM, "   ", Refused("empty")),
-    (BEAM, "what is the weather like", Refused("unknown")),
+    (BEAM, "what is the weather like", Refused("question")),
     (BEAM, "import os; os.system('rm -rf /')", Refused("")),
     (BEAM, "__import__('os').remove('x')", Refused("")),
     (BEAM, "hold $(reboot) V", Refused("means nothing")),
