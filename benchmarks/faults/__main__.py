@@ -144,8 +144,8 @@ def play(rig: Rig, kind: str, faults: Mapping[str, tuple[Fault, str]], progress:
                     found[name] = {**LOST, **found.get(name, {}), "held": False, "named": str(error)}
                 found[name]["short"] = falls_short(faults[name][1], found[name])
                 progress.keep()
-                if not found[name]["held"]:
-                    break  # the next one finds a loop that runs
+                if not (found[name]["held"] and found[name]["tracks"]):
+                    break  # the next one finds a loop that runs and tracks
 
 
 def main() -> int:
