@@ -111,7 +111,7 @@ class ControllerNode(RigNode):
             "reset": self.reset,
             "arm": lambda: self.operation.arm(unready(self)),
             "disarm": lambda: self.operation.disarm(),
-            "estop": partial(self.emergency_stop, "the service estop"),
+            "estop": partial(self.emergency_stop, "the service estop, which a stop by hand calls, too"),
         }
 
     def forget(self) -> None:
@@ -336,7 +336,8 @@ class ControllerNode(RigNode):
     def send(self, inputs: Array, *, limited: bool = True) -> None:
         """Publish a command (m,) that answers the newest estimate; limited: no faster than the actuators can follow."""
         now, guard = self.time(), self.adapter.guard
-        self.input[:] = guard.followed(inputs, self.input, (now - self.acted) / SECOND) if limited else inputs
+        elapsed = (now - self.acted) / SECOND if self.acted else 0.0  # the first command follows none but rest
+        self.input[:] = guard.followed(inputs, self.input, elapsed) if limited else inputs
         self.acted = now
         guard.commanded(self.input)
         self.output.publish(self.adapter.writer.pack(self.stamp, self.input.tolist()), self.input)

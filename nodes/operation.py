@@ -21,7 +21,8 @@ class Operation:
     """ControllerMode, arming and the emergency stop, which stays until it is reset, and needs arming after that.
 
     reason: why the loop may not move, "" where it may. tell: receives "at rest: WHY" and "may move: HOW", for the
-    operator, and for whoever starts the controller again: one that died at rest stays there.
+    operator, and for whoever starts the controller again: one that died at rest stays there, and one that died holding,
+    which has no place to hold any more, comes to rest.
     """
 
     def __init__(self, *, armed: bool, tell: Callable[[str], object] = str) -> None:
@@ -36,7 +37,7 @@ class Operation:
         if mode is not ControllerMode.STOP and not self.armed:
             raise UserError(f"the loop is disarmed ({self.reason}): {self._way_back}")
         self.mode = mode
-        self._say("at rest" if mode is ControllerMode.STOP else "may move")
+        self._say("may move" if mode is ControllerMode.DRIVE else "at rest")
 
     def _say(self, which: str) -> None:
         self._tell(f"{which}: {self.words or 'the loop drives'}")

@@ -145,6 +145,10 @@ class SensorMonitor:
                 self.evidence[k] = r = self._evidence(k, float(normalised[k]), elapsed)
                 if self._suspicion[k].add(r, elapsed) > 0.0 and r > 1.0:
                     self._blamed[k] = 0.0
+        if any(self.left_out) and self._is_vain():
+            for k, out in enumerate(self.left_out):
+                if out:
+                    self._admit(k)
         worst = max(range(len(self.evidence)), key=lambda k: self._suspicion[k].seconds if self._spare[k] else -1.0)
         if self._suspicion[worst].seconds >= self._leave_after and self._may_leave(worst):
             self.left_out[worst], self._out[worst], self.evidence[worst] = True, 0.0, 0.0
@@ -171,7 +175,17 @@ class SensorMonitor:
             self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
         agrees = math.isfinite(square) and self._mean[k] < AGREES * self._largest
         if self._suspicion[k].add(0.0 if agrees else CLEAREST, elapsed) == 0.0 or self._out[k] > TRIAL:
-            self.left_out[k], self._mean[k], self._suspicion[k].seconds = False, 1.0, 0.0
+            self._admit(k)
+
+    def _admit(self, k: int) -> None:
+        self.left_out[k], self._mean[k], self._suspicion[k].seconds = False, 1.0, 0.0
+
+    def _is_vain(self) -> bool:
+        """Whether a sensor that is used contradicts the model as long as it may: then it was wrong to leave another one
+        out, and the model or an actuator is.
+        """
+        used = (k for k, out in enumerate(self.left_out) if not out)
+        return any(self._large[k] > 1.0 and self._suspicion[k].seconds >= 2.0 * self._leave_after for k in used)
 
     def _may_leave(self, k: int) -> bool:
         others = [j for j in range(len(self._spare)) if j != k]

@@ -208,6 +208,10 @@ def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:
     )
 
 
+ARGUMENTS = {"policy": "controller", "policy_path": "policy", "model": "model"}
+"""Arguments of :func:`simulate` by the parameters of nodes in whose place they are."""
+
+
 def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
     """Values of the nodes' parameters, in lockstep, since nothing is late here."""
     values = {node: defaults(rig, node) for node in NODES}
@@ -218,6 +222,8 @@ def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str
         with arguments.within(f"parameters[{name!r}]"):
             if key not in known:
                 raise unknown(key, known)
+            if key in ARGUMENTS:
+                raise UserError(f"has no effect here: give it as the argument {ARGUMENTS[key]} of simulate")
             values[node][key] = known[key].checked(value)
             check_rules(known, values[node])
     for node in NODES:

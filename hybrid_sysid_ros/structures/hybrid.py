@@ -16,6 +16,7 @@ from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.structure import Magnitudes, Option, Options, Structure
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, LinearisedLaw
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="Penalty of a network's weights.")
 MEMBERS = Option(default=1, low=1, high=10, kind="int", description="Number of averaged networks.")
@@ -47,6 +48,8 @@ class JointHybrid(Structure):
 
     def assemble(self, design: Mapping[str, Any], weights: Array) -> System:
         base = self.gray.assemble(design.get("physics") or {}, np.zeros(0))
+        if "on" not in design:
+            raise UserError("its design does not say on which rates the network acts, as in very old models; fit again")
         on, features = tuple(design["on"]), len(features_of(base))
         return Hybrid(
             physics=base,
