@@ -186,7 +186,12 @@ class Stage(Observation):
         values: dict[str, dict[str, Any]] = {
             "reference": dict(MOVING[self.rig.name]),
             "estimator": {"model": str(self.model)},
-            "controller": {"policy": "supervised", "model": str(self.model), "policy_path": str(self.policy)},
+            "controller": {
+                "policy": "supervised",
+                "certificate": "ignore",
+                "model": str(self.model),
+                "policy_path": str(self.policy),
+            },
             "plant": {"wait_for_readers": 1},
             "recorder": {"path": str(self.bag)},
         }
