@@ -2,17 +2,18 @@
 
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
-from launch.event_handlers import OnProcessExit
+from launch.event_handlers import OnProcessExit, OnProcessIO
 from launch.events import Shutdown
-from launch.events.process import ProcessExited
+from launch.events.process import ProcessExited, ProcessIO
 from launch.launch_context import LaunchContext
 from launch.logging import get_logger
 from launch_ros.actions import Node
@@ -34,6 +35,8 @@ PACKAGE = "hybrid_sysid_ros"
 PUBLISHER = "robot_state_publisher"
 REFUSED = 2
 """Status of a node that says in a line what is wrong: to start it again would not help."""
+WORDS = {"at rest": True, "may move": False}
+"""What a controller announces, and whether one that is started again has to stay at rest."""
 TRUTHS = ("true", "false")
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 # Name: default, choices, description.
@@ -195,18 +198,44 @@ def of_file(file: str, node: str) -> dict[str, Any]:
     return found
 
 
+def stayed(values: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Parameters of nodes whose controller stays at rest until it is armed."""
+    return {**values, "controller": {**values["controller"], "armed": False}}
+
+
 class Watch:
     """Counts the ends of nodes: a node that dies is started again so often, and then, or when one ends by itself,
-    all end.
+    all end. A controller that died at rest, as after an emergency stop, comes back disarmed.
     """
 
     def __init__(self, respawns: int) -> None:
         self.respawns = respawns
         self.deaths: Counter[str] = Counter()
+        self.resting = False
+        """Whether the controller has said that it stays at rest."""
 
-    def ended(self, event: ProcessExited, context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    def heard(self, event: ProcessIO) -> None:
+        """What a controller says on its standard output."""
+        for line in event.text.decode(errors="replace").splitlines():
+            if (word := line.partition(":")[0].strip()) in WORDS:
+                self.resting = WORDS[word]
+
+    def started(self, make: Callable[[bool], Node], *, moves: bool = False) -> list[LaunchDescriptionEntity]:
+        """A node, and what follows of its end. make: gets whether the node has to stay at rest, in which ``moves`` has
+        a part.
+        """
+        item = make(moves and self.resting)
+        found = [
+            item,
+            RegisterEventHandler(OnProcessExit(target_action=item, on_exit=partial(self.ended, make, moves))),
+        ]
+        return [*found, RegisterEventHandler(OnProcessIO(target_action=item, on_stdout=self.heard))] if moves else found
+
+    def ended(
+        self, make: Callable[[bool], Node], moves: bool, event: ProcessExited, context: LaunchContext
+    ) -> list[LaunchDescriptionEntity]:
         """What follows of the end of a node."""
-        name, status = event.process_name, event.returncode
+        name, status = event.process_name.rpartition("-")[0], event.returncode
         if context.is_shutdown:
             return []
         self.deaths[name] += 1
@@ -214,7 +243,7 @@ class Watch:
             return [EmitEvent(event=Shutdown(reason=f"{name} has ended with status {status}"))]
         words = f"{name} ended with status {status}; started again, {self.deaths[name]} of {self.respawns}"
         get_logger(PACKAGE).warning(words)
-        return []
+        return self.started(make, moves=moves)
 
 
 def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
@@ -257,26 +286,31 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             ros_arguments=["--log-level", given["log_level"]],
             additional_env=threads,
             output="screen",
-            respawn=watch.respawns > 0,
-            respawn_max_retries=watch.respawns,
-            respawn_delay=0.2,
             **more,
         )
 
     watch = Watch(respawns(given))
-    found = list[Node]()
     apart = {name for item in companions(given) if item.beside for name in item.nodes(loop_of(given))}
     beside = [node(name, values.pop(name), name=name) for name in sorted(apart)]
+    found = list[LaunchDescriptionEntity]()
     if given["composed"] == "true":  # each takes what is its own
         loop = {name: values.pop(name) for name in LOOP if name in values}
-        with NamedTemporaryFile(
-            "w", prefix="hybrid_sysid_", suffix=".yaml", delete=False
-        ) as file:  # as launch has its own
-            file.write(processes.parameter_text(loop))
-        found = [node("composed", {}, ("--nodes", *loop), file.name)]
-    found += [node(name, parameters, name=name) for name, parameters in values.items()]
-    ends = [RegisterEventHandler(OnProcessExit(target_action=item, on_exit=watch.ended)) for item in found]
-    return [*found, *beside, *described(given), *ends]
+
+        def composed(resting: bool) -> Node:
+            with NamedTemporaryFile(
+                "w", prefix="hybrid_sysid_", suffix=".yaml", delete=False
+            ) as file:  # as launch has its own
+                file.write(processes.parameter_text(stayed(loop) if resting else loop))
+            return node("composed", {}, ("--nodes", *loop), file.name)
+
+        found += watch.started(composed, moves=True)
+
+    def alone(name: str, resting: bool) -> Node:
+        return node(name, (stayed(values) if resting else values)[name], name=name)
+
+    for name in values:
+        found += watch.started(partial(alone, name), moves=name == "controller")
+    return [*found, *beside, *described(given)]
 
 
 def described(given: Mapping[str, str]) -> list[Node]:

@@ -193,7 +193,8 @@ class ControllerAdapter:
 
     def at_rest(self) -> Array:
         """Inputs at rest (m,), or the stabiliser's for the newest state, without which an unstable rig diverges."""
-        if isinstance(self.controller, Cascade) and np.isfinite(self.state).all():
+        trusted = self.guard.trusts_actuators and np.isfinite(self.state).all()
+        if isinstance(self.controller, Cascade) and trusted:
             return self.controller.held(self.state)
         return self.rest
 

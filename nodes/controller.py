@@ -306,8 +306,7 @@ class ControllerNode(RigNode):
         self.layers[layer] += 1
         self.settled, self.returning = False, True
         self.become(self.operation.state(LoopState.RESTING))
-        stabilised = layer == RESTED and self.adapter.guard.trusts_actuators
-        self.send(self.adapter.at_rest() if stabilised else self.adapter.rest)
+        self.send(self.adapter.at_rest() if layer == RESTED else self.adapter.rest)
 
     def stop(self) -> None:
         """Move the inputs nearer to rest, so that they get there within stop_seconds, or at once in an emergency."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -127,11 +128,35 @@ class End:
 
 
 def test_a_node_that_dies_is_started_again_so_often_and_then_all_end(launch_file: Any) -> None:
-    context, watch = LaunchContext(), launch_file.Watch(2)
-    ends = [bool(watch.ended(End(-9), context)) for _ in range(3)]
-    assert ends == [False, False, True]
-    assert watch.ended(End(0, "reference-2"), context)
-    assert watch.ended(End(2, "controller-3"), context)
+    context, watch, made = LaunchContext(), launch_file.Watch(2), []
+
+    def make(resting: bool) -> Any:
+        made.append(resting)
+        return launch_file.Node(executable="plant")
+
+    def ended(*end: Any) -> bool:
+        return any(isinstance(item, launch_file.EmitEvent) for item in watch.ended(make, True, End(*end), context))
+
+    assert [ended(-9, f"plant-{k}") for k in range(3)] == [False, False, True]
+    assert made == [False, False]
+    assert ended(0, "reference-2")
+    assert ended(2, "controller-3")
+
+
+@pytest.mark.parametrize(
+    ("said", "rests"), [(b"ready\nat rest: stopped\n", True), (b"at rest\nmay move: armed\n", False)]
+)
+def test_a_controller_that_died_at_rest_comes_back_at_rest(launch_file: Any, said: bytes, rests: bool) -> None:
+    watch, made = launch_file.Watch(2), []
+
+    def make(resting: bool) -> Any:
+        made.append(resting)
+        return launch_file.Node(executable="controller")
+
+    watch.started(make, moves=True)
+    watch.heard(SimpleNamespace(text=said))
+    watch.ended(make, True, End(-9, "controller-1"), LaunchContext())
+    assert made == [False, rests]
 
 
 def test_a_rig_with_joints_has_a_description(launch_file: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ RECENT = 0.05
 """Time [s], beside its delay, for which an actuator may still be carrying out a command."""
 UNLIKE = 0.5
 """Share of what an actuator was commanded, as a root mean square, by which it may miss that."""
-SMALL = 0.2
+SMALL = 0.1
 """Share of the tolerance below which commands are too small to tell what an actuator makes of them."""
 AVERAGE = 0.1
 """Time constant [s] of the mean squares of commands and of what they are missed by."""

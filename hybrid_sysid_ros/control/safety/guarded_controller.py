@@ -42,7 +42,7 @@ class GuardedController:
         guard, estimator, state = self.guard, self.estimator, estimate.ahead
         self.level = level = guard.judge(estimator.doubt, estimator.monitor.without, applied, state, elapsed)
         rest = self._rest
-        if isinstance(self.controller, Cascade) and (level is not LoopState.RESTING or guard.trusts_actuators):
+        if isinstance(self.controller, Cascade) and guard.trusts_actuators:
             rest = self.controller.held(state)
         if level is LoopState.RESTING:
             self._returning = True
