@@ -17,6 +17,7 @@ from std_msgs.msg import Bool
 from hybrid_sysid_ros.control import MpcSolution
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS
+from hybrid_sysid_ros.estimation.suspicion import LONGEST
 from hybrid_sysid_ros.nodes.adapters import ControllerAdapter
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.command_output import CommandOutput
@@ -93,8 +94,7 @@ class ControllerNode(RigNode):
         needed = [self.listen(self.entry, "state_estimate", self.on_estimate)]
         references = self.listen(self.wishes, "reference", self.on_reference)
         self.listen(self.validator("estop"), "estop", self.on_estop)
-        if self.lockstep:
-            needed.append(references)
+        needed += [references] if self.lockstep else []
         patience = 0 if self.lockstep else monotonic_ns() + REFERENCE_PATIENCE  # the first step of a run is a step, too
 
         def expected() -> bool:
@@ -335,7 +335,7 @@ class ControllerNode(RigNode):
     def send(self, inputs: Array, *, limited: bool = True) -> None:
         """Publish a command (m,) that answers the newest estimate; limited: no faster than the actuators can follow."""
         now, guard = self.time(), self.adapter.guard
-        elapsed = (now - self.acted) / SECOND if self.acted else 0.0  # the first command follows none but rest
+        elapsed = (now - self.acted) / SECOND if self.acted else min(self.adapter.controller.period, LONGEST)
         self.input[:] = guard.followed(inputs, self.input, elapsed) if limited else inputs
         self.acted = now
         guard.commanded(self.input)

@@ -127,8 +127,8 @@ class Guard:
         known = away == away
         self._missed += share * (np.where(known, away, 0.0) ** 2 - self._missed)
         self._asked += share * (np.where(known, asked, 0.0) ** 2 - self._asked)
-        told = (self._asked > (SMALL * tolerance) ** 2) & (away > UNLIKE * np.abs(asked))
-        unlike = self._missed / np.where(told, UNLIKE**2 * self._asked, np.inf)
+        enough = (self._asked > (SMALL * tolerance) ** 2) & (away > UNLIKE * np.abs(asked))
+        unlike = self._missed / np.where(enough, UNLIKE**2 * self._asked, np.inf)
         return float(max((away / tolerance).max(initial=0.0, where=known), min(unlike.max(), CLEAREST)))
 
     @property
