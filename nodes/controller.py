@@ -238,9 +238,7 @@ class ControllerNode(RigNode):
             return None
         self.become(state)
         self.layers[layer] += 1
-        command = plan.input
-        if level is not LoopState.DRIVING:
-            command = self.adapter.guard.slowed(command, self.adapter.at_rest())
+        command = self.adapter.guard.slowed(plan.input, self.adapter.at_rest()) if level else plan.input
         taken = perf_counter() - began
         self.send(command)
         self.execution.add(taken)
