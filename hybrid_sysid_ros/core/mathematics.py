@@ -72,6 +72,24 @@ def saturate(x: Scalar, limit: Scalar, smoothing: Scalar | None = None) -> Scala
     return 0.5 * (casadi.sqrt(above * above + smoothing**2) - casadi.sqrt(below * below + smoothing**2))
 
 
+def dead_zone(x: Scalar, width: Scalar, smoothing: Scalar, *, over: float) -> Scalar:
+    """What is left of x behind a dead zone of +-width with corners that are rounded by ``smoothing``.
+
+    For solvers it is bridged: within +-over widths it is a x + b x^3, with the value and the slope of the dead zone at
+    these ends. Within the zone itself nothing would tell a solver which way leads out, so that it stayed there in
+    solutions that cost far more. over: above 1.5, for a slope at 0 that is above 0.
+    """
+    left = x - saturate(x, width, smoothing)
+    if not _ROUNDED.get():
+        return left
+    end = over * width
+    above, below = end + width, end - width
+    far, near = casadi.sqrt(above * above + smoothing**2), casadi.sqrt(below * below + smoothing**2)
+    mean, slope = 1.0 - 0.5 * (far - near) / end, 1.0 - 0.5 * (above / far - below / near)
+    cubic = 0.5 * (slope - mean)
+    return casadi.if_else(casadi.fabs(x) < end, x * (mean - cubic + cubic * (x / end) ** 2), left)
+
+
 def rows(values: Scalar | Iterable[Scalar], count: int, what: str, of: str) -> list[Scalar]:
     """The values of a sequence or of a CasADi column that ``what`` returns. Raises UserError where they are not
     ``count`` scalars.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.core import Bristles, System, simulate
-from hybrid_sysid_ros.core.mathematics import clip, rounded, sided
+from hybrid_sysid_ros.core.mathematics import clip, dead_zone, rounded, saturate, sided
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 
 
@@ -39,6 +39,22 @@ def test_a_corner_is_exact_but_where_it_is_rounded_and_there_twice_differentiabl
     step = GRID[1] - GRID[0]
     np.testing.assert_allclose(np.diff(values), step * (slopes[1:] + slopes[:-1]) / 2, atol=1e-5)
     np.testing.assert_allclose(np.diff(slopes), step * (bends[1:] + bends[:-1]) / 2, atol=2e-3)
+
+
+def test_a_dead_zone_is_bridged_for_solvers_and_nowhere_flat():
+    """Beyond 1.75 of its width nothing changes, and the bridge meets it there with its slope."""
+    width, smoothing, over = 30.0, 5.0, 1.75
+    exact = traced(lambda x: dead_zone(x, width, smoothing, over=over))
+    with rounded():
+        bridged = traced(lambda x: dead_zone(x, width, smoothing, over=over))
+    assert float(exact(12.0)[0]) == pytest.approx(12.0 - float(saturate(12.0, width, smoothing)))
+    grid = np.linspace(-150.0, 150.0, 601)
+    found, plain = (np.array([[float(part) for part in each(x)[:2]] for x in grid]) for each in (bridged, exact))
+    beyond = np.abs(grid) >= over * width
+    np.testing.assert_allclose(found[beyond], plain[beyond], rtol=1e-12)
+    assert np.min(plain[:, 1]) < 0.02
+    assert np.min(found[:, 1]) > 0.12
+    assert np.max(np.abs(np.diff(found, axis=0)), axis=0) == pytest.approx([0.5, 0.0], abs=0.02)
 
 
 @dataclass(frozen=True, kw_only=True)

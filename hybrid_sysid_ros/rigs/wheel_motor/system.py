@@ -9,7 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.core import Dry, System, bounded
-from hybrid_sysid_ros.core.mathematics import Scalar, saturate
+from hybrid_sysid_ros.core.mathematics import Scalar, dead_zone
+
+BRIDGED = 1.75
+"""Widths of the dead zone within which a solver sees a way through it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +38,8 @@ class WheelMotor(System):
     """Delay from command to drive."""
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        return (self.gain * (u[0] - saturate(u[0], self.dead_zone, self.rounding)) / self.time_constant,)
+        driving = dead_zone(u[0], self.dead_zone, self.rounding, over=BRIDGED)
+        return (self.gain * driving / self.time_constant,)
 
     def friction(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
         """Level of the dry friction [rad/s^2]."""
