@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import floor
+
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.report.sections import IdentificationSection
 
@@ -28,7 +30,9 @@ def _of_model(section: IdentificationSection) -> str:
     runs, which = (unseen, "that it has not seen") if unseen else (section.runs, "that it may have been trained on")
     lowest = min(run.scores.r2 for run in runs)
     how = "well" if lowest >= WELL else "roughly" if lowest >= ROUGHLY else "badly"
-    words = f"It predicts the records {which} {how} (R² of at least {lowest:.3f}, where 1 is perfect)."
+    words = (
+        f"It predicts the records {which} {how} (R² of at least {floor(1e3 * lowest) / 1e3:.3f}, where 1 is perfect)."
+    )
     tests = [test for run in runs for test in run.tests.values()]
     if failed := sum(not test.passed for test in tests):
         words += (
@@ -38,5 +42,5 @@ def _of_model(section: IdentificationSection) -> str:
 
 
 def _left(summary: RunSummary) -> str:
-    times = ", ".join(f"{name} {count}" for name, count in summary.failsafe.items())
-    return f"It left that for something safer ({times})."
+    times = ", ".join(f"{name}, {count} time{'' if count == 1 else 's'}" for name, count in summary.failsafe.items())
+    return f"Instead of driving it chose what is safer: {times}."
