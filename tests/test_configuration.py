@@ -207,6 +207,15 @@ def test_a_number_needs_no_sign_in_its_exponent() -> None:
     assert parsed("[1e9, 1.0e9, -.5E-3]") == [1e9, 1e9, -0.5e-3]
 
 
+@pytest.mark.parametrize("name", names())
+def test_every_number_of_every_node_has_a_range(name: str) -> None:
+    for node in parameters.declarations():
+        for item in configuration.parameters(name, node).values():
+            if item.each or type(item.default) in (int, float):
+                assert -math.inf < item.low < item.high < math.inf, (node, item.name)
+                assert all(low <= high for low, high in item.ranges), (node, item.name)
+
+
 def test_the_range_of_a_parameter_is_that_of_each_input_and_output_of_the_rig() -> None:
     """A constant on the vehicle's elevator that its throttle would take is refused; a default is within the range."""
     bias = parameters.parameters("winged_cone", "plant")["bias"]

@@ -92,6 +92,12 @@ def test_every_node_with_a_main_is_an_executable_wherever_tools_look(monkeypatch
 
 def test_the_diagnostics_of_every_node_of_a_loop_are_in_one_group_of_the_aggregator() -> None:
     content = read_mapping(ROOT / "msgs_config" / "diagnostic_aggregator.yaml")["analyzers"]["ros__parameters"]
+    for group in content.values():
+        if isinstance(
+            group, dict
+        ):  # as diagnostic_aggregator's GenericAnalyzer reads it: an integer would end the node
+            kinds = {"type": str, "path": str, "regex": list, "timeout": float}
+            assert {key: type(value) for key, value in group.items()} == kinds
     groups = [re.compile(group["regex"][0]) for group in content.values() if isinstance(group, dict)]
     for node in trunk.TRUNK.nodes.keys() - {"composed"}:
         assert sum(bool(group.fullmatch(f"cam_beam/{node}: loop")) for group in groups) == 1, node
