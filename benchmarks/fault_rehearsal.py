@@ -189,11 +189,11 @@ def actuator_faults(rig: Rig) -> dict[str, Fault]:
         }
         for name, make in kinds.items():
             found |= {
-                f"{item.name} {name}{'' if told else ', not told'}": Fault(acts=make, told=told)
+                f"{item.name} {name}{'' if told else ', unreported'}": Fault(acts=make, told=told)
                 for told in (True, False)
             }
     for told in (True, False):
-        end = "" if told else ", not told"
+        end = "" if told else ", unreported"
         found |= {
             f"inputs lag{end}": Fault(acts=_lagging(0.05), told=told),
             f"inputs 10 samples late{end}": Fault(acts=_late(10), told=told),

@@ -259,6 +259,8 @@ WRONG: list[Case] = [
     ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"horizon": 10})),
     ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.horizons": 10})),
     ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.horizon": -3})),
+    ("argument controller", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.policy": "exact"})),
+    ("argument model", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.model": "model"})),
     ("input_rate", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.rate_limit": [1.0]})),
     # policies and what leaves
     ("model", lambda t: hs.train_policy("wheel_motor", t.model)),

@@ -6,7 +6,8 @@ validity, or was held or at rest before it left them; how long the diagnostics t
 long the loop needed to answer again, and whether it tracks as usual a second after the end (three after a start); and
 whether no node ended or showed a traceback.
 
---ordinary: without real-time priority. --resume: go on where a run was interrupted.
+--ordinary: without real-time priority. --resume: go on where a run was interrupted. --markdown: only print the tables
+of the last whole run as the documentation has them.
 Two runs at once disturb each other on a machine of few cores; where there are enough, ROS_DOMAIN_ID keeps them apart.
 """
 
@@ -37,7 +38,7 @@ from hybrid_sysid_ros.support.files import written_file
 
 RIG, NAME = "cam_beam", "faults"
 DOMAIN = int(os.environ.get("ROS_DOMAIN_ID") or 91)
-OPTIONS = {"--ordinary", "--resume"}
+OPTIONS = {"--ordinary", "--resume", "--markdown"}
 GENERAL, SENSORS, ACTUATORS, TIMED = "general", "sensors", "actuators", "clock"
 """Kinds of faults, each on a stage of its own."""
 LOST: dict[str, Any] = {
@@ -157,12 +158,15 @@ def main() -> int:
     ordinary = "--ordinary" in options
     if ordinary:
         os.environ[ORDINARY] = "1"
+    name = f"{NAME}_ordinary" if ordinary else NAME
+    if "--markdown" in options:
+        print(markdown(name))
+        return 0
     machine, known = result.machine(), {name: faults_of(load(name)) for name in MOVING}
     names = {fault for kinds in known.values() for faults in kinds.values() for fault in faults}
     for word in asked:
         if word not in names and word not in known:
             raise UserError(f"no rig or fault {word!r}: rigs are {', '.join(known)}, faults {', '.join(sorted(names))}")
-    name = f"{NAME}_ordinary" if ordinary else NAME
     progress = Progress(name, resume="--resume" in options)
     whole = False
     try:
@@ -184,6 +188,22 @@ def main() -> int:
         print(result.write(name, results, on=machine))
         progress.path.unlink(missing_ok=True)
     return 0
+
+
+def markdown(name: str) -> str:
+    """Tables of a run's results, a row for each fault."""
+    path = result.RESULTS / f"{name}.json"
+    rigs = {rig: rows for rig, rows in json.loads(path.read_text())["results"].items() if isinstance(rows, dict)}
+    lines = list[str]()
+    for rig, rows in rigs.items():
+        lines += [f"### {rig}", "", "| fault | kept | tracks | named [s] | back [s] |", "|---|---|---|---|---|"]
+        for fault, row in rows.items():
+            kept = "yes" if row["bounded"] and row["kept"] and row["held"] else "**no**"
+            named = "-" if math.isinf(row["named_after_s"]) else f"{row['named_after_s']:.2f}"
+            words = f"**{fault}**" if row["short"] else fault
+            lines.append(f"| {words} | {kept} | {row['error']:.2f} | {named} | {row['recovered_after_s']:.2f} |")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def _table(rig: str, rows: Mapping[str, Mapping[str, Any]]) -> Table:

@@ -145,7 +145,7 @@ def actuators(rig: Rig) -> dict[str, tuple[Fault, str]]:
         }
         for name, acting in kinds.items():
             found[f"{item.name} {name}"] = _actuator(k, acting, told=True), UNDONE
-            found[f"{item.name} {name}, not told"] = _actuator(k, acting, told=False), ""
+            found[f"{item.name} {name}, unreported"] = _actuator(k, acting, told=False), ""
     return found
 
 

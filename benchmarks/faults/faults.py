@@ -96,7 +96,7 @@ FAULTS: dict[str, tuple[Fault, str]] = {
     **{
         f"input {name}": (
             measurements(reading(same(value), "effort")),
-            f"measurements {WRONG.get(name, 'out of range')}",
+            UNHEARD if name == "nan" else f"measurements {WRONG.get(name, 'out of range')}",  # unknown is no fault
         )
         for name, value in HUGE.items()
     },
@@ -105,7 +105,7 @@ FAULTS: dict[str, tuple[Fault, str]] = {
     "biased": (measurements(reading(lambda value, k: value + 0.05)), UNBELIEVED),
     "spiking": (measurements(reading(lambda value, k: value + (0.2 if k % 20 == 0 else 0.0))), UNBELIEVED),
     "clipped": (measurements(reading(lambda value, k: min(value, 0.02))), f"times the same reading|{UNBELIEVED}"),
-    "a list too short": (measurements(shaped(cut)), "measurements not a number"),
+    "a list too short": (measurements(shaped(cut)), UNHEARD),
     "a list too long": (measurements(shaped(longer)), "measurements lists of other lengths"),
     "no numbers": (measurements(shaped(without_numbers)), "measurements not a number"),
     "other names": (measurements(shaped(renamed)), "nothing on joint_states"),

@@ -97,6 +97,16 @@ def test_a_sensor_that_still_disagrees_is_tried_after_a_while():
     assert found.left_out == [False, False]
 
 
+def test_a_sensor_comes_back_where_another_one_contradicts_the_model_as_well():
+    """Then the model or an actuator is wrong, and neither of them is left out."""
+    found = monitor()
+    judge(found, [100.0, 1.0], steps=20)
+    judge(found, [math.nan, 100.0], readings=[50.0, 0.0], expected=np.zeros(2), steps=40)
+    judge(found, [100.0, 100.0], steps=100)
+    assert found.left_out == [False, False]
+    assert found.doubt > 1.0
+
+
 @pytest.mark.parametrize("squares", [[100.0, 100.0], [100.0, 0.0]])
 def test_none_is_left_out_where_both_are_in_doubt(squares):
     found = monitor()
