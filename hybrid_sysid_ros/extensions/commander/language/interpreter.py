@@ -139,17 +139,19 @@ class Interpreter:
             return f"once {output.name} reaches {condition.value:.4g} {output.unit}, within {PATIENCE:g} s"
         return f"after {condition.delay:.4g} s" if condition.delay else f"once nothing moves, within {PATIENCE:g} s"
 
-    def rehearse(self, text: str) -> Reply:
-        """The answer to a text where no loop runs: from rest at 0."""
+    def rehearse(self, text: str, start: Start | None = None, reference: Array | None = None) -> Reply:
+        """The answer to a text that nothing carries out, from a state and references (outputs,) as they are shown; by
+        default from rest at 0.
+        """
         try:
             sentence = self.read(text)
             if sentence.is_stop:
                 what = "emergency stop" if sentence.emergency else "stop"
                 return Reply(text=text, accepted=True, line=f"{what}: the inputs go to rest at once")
-            start = np.zeros(len(self.vocabulary.outputs))
-            plan = self.plan(sentence, start)
-            forecast = self.forecast(plan, self.simulator.rest)
+            begin = np.zeros(len(self.vocabulary.outputs)) if reference is None else reference
+            plan = self.plan(sentence, begin)
+            forecast = self.forecast(plan, start or self.simulator.rest)
             line = f"{self.story(sentence, plan)}: {forecast.line}"
         except UserError as error:
             return Reply(text=text, accepted=False, line=str(error))
-        return Reply(text=text, accepted=True, line=line, values=forecast.values)
+        return Reply(text=text, accepted=True, line=line, values=forecast.values, forecast=forecast)

@@ -153,6 +153,9 @@ class Meaning(Values):
         if clause.directions:
             raise UserError(f"hold takes no direction: say 'go {clause.directions[0].text}', or where to hold")
         times = [item for item in self.left if item.base == TIME and item.role not in ("in", "within")]
+        if times and self.behind and times == self.left:  # "go to 1 V, hold 2 s"
+            self.left = []
+            return self.stay(self.time(times[0]))
         if times:
             raise UserError(
                 f"hold {described(times[0])} is a time: say 'hold for {described(times[0])}', or where to hold"

@@ -19,7 +19,10 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply
+from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply, RigState
+from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
+from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import LoopMonitor
+from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import tracked_outputs
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.middleware import prepare_middleware
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -29,6 +32,7 @@ from hybrid_sysid_ros.support.errors import UserError
 THERE_TIMEOUT = 3.0  # s, until a commander is heard of
 ANSWER_TIMEOUT = 5.0  # s, for the answer of a service
 REPLY_TIMEOUT = 120.0  # s, for the simulation of the longest plan
+SILENCE = 1.0  # s, after which another publisher is heard
 FINAL = ("refused", "waits", "begins", "stopped")
 """States of replies that answer a command."""
 
@@ -39,7 +43,7 @@ class CommandClient(CommandInterface):
     def __init__(self, rig: Rig) -> None:
         """Raises UserError where the rig has no commander."""
         self._rig, namespace = rig, rig.namespace
-        self._rehearsal: CommandInterface | None = None
+        self._rehearsal: Rehearsal | None = None
         if not rclpy.ok():
             prepare_middleware()
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -50,6 +54,7 @@ class CommandClient(CommandInterface):
         self._confirm = self._node.create_client(Trigger, "commander/confirm")
         quality = topics.profile("command_reply")
         self._heard = self._node.create_subscription(DiagnosticStatus, "command_reply", self._replies.put, quality)
+        self._monitor = LoopMonitor(self._node, rig, tracked_outputs(rig), silence=round(1e9 * SILENCE))
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._spinning = Thread(target=self._spin, daemon=True)
@@ -89,10 +94,27 @@ class CommandClient(CommandInterface):
 
     def check(self, text: str) -> Reply:
         if self._rehearsal is None:
-            from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
-
             self._rehearsal = Rehearsal.of(self._rig, folder=os.getcwd())
-        return self._rehearsal.check(text)
+        self._monitor.look()
+        try:
+            start, reference = self._monitor.start(self._rehearsal.system), self._monitor.reference()
+        except UserError as error:
+            return Reply(text=text, accepted=False, line=str(error))
+        return self._rehearsal.check_from(text, start, reference)
+
+    def state(self) -> RigState:
+        self._monitor.look()
+        tracked = [item for item, one in zip(self._rig.system.outputs, self._monitor.tracked, strict=True) if one]
+        units = {item.name: shown.unit for item, shown in zip(self._rig.system.outputs, self._rig.display, strict=True)}
+        values = zip(self._rig.system.outputs, self._monitor.all_outputs().tolist(), strict=True)
+        wanted = zip(self._rig.system.outputs, self._monitor.reference().tolist(), strict=True)
+        named = zip(self._rig.system.inputs, self._monitor.start(self._rig.system).inputs.tolist(), strict=True)
+        return RigState(
+            live=True,
+            outputs={f"{item.name} [{units[item.name]}]": value for item, value in values},
+            references={f"{item.name} [{units[item.name]}]": value for item, value in wanted if item in tracked},
+            inputs={f"{item.name} [{item.unit}]": value for item, value in named},
+        )
 
     def stop(self) -> Reply:
         answer = self._ask(self._stop, Trigger.Request())

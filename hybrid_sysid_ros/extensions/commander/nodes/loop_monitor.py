@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.node import Node
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.commander.language.forecast import Start
-from hybrid_sysid_ros.nodes.managed import ManagedNode
 from hybrid_sysid_ros.nodes.messages import JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
@@ -27,7 +27,7 @@ SUBSCRIBES = ("state_estimate", "joint_command", "reference")
 class LoopMonitor:
     """The newest estimate, command and reference of a rig; no message wakes the node."""
 
-    def __init__(self, node: ManagedNode, rig: Rig, tracked: NDArray[np.bool_], *, silence: int) -> None:
+    def __init__(self, node: Node, rig: Rig, tracked: NDArray[np.bool_], *, silence: int) -> None:
         """tracked: outputs that have references (outputs,). silence: after which another publisher is heard [ns]."""
         self.rig, self.tracked = rig, tracked
         self.collectors = {topic: Collector(node, TYPES[topic], topic) for topic in SUBSCRIBES}
@@ -66,10 +66,15 @@ class LoopMonitor:
             raise UserError("no estimate has come yet: is the loop running?")
         return JointStates(*found)
 
-    def shown_outputs(self) -> Array:
-        """The estimated outputs (outputs,), as they are shown. Raises UserError where there is no estimate."""
+    def all_outputs(self) -> Array:
+        """All estimated outputs (outputs,), as they are shown. Raises UserError where there is no estimate."""
         estimate = self._estimate()
-        values = np.array(self.outputs.read(estimate.names, estimate.lists)) / self.scales
+        found: Array = np.array(self.outputs.read(estimate.names, estimate.lists)) / self.scales
+        return found
+
+    def shown_outputs(self) -> Array:
+        """The same, 0 for those that are not tracked. Raises UserError where there is no estimate."""
+        values = self.all_outputs()
         if not np.isfinite(values[self.tracked]).all():
             raise UserError("the estimates are no numbers: see the estimator's diagnostics")
         return np.where(self.tracked, values, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
@@ -10,7 +11,7 @@ from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import defaults
+from hybrid_sysid_ros.runtime.configuration import set_point_ranges
 from hybrid_sysid_ros.support.arrays import Array
 
 SHOWN = 400  # points of a simulated trajectory, at most
@@ -22,7 +23,7 @@ class PlanWriter:
     def __init__(self, rig: Rig, signature: str) -> None:
         """signature: frame_id of the messages."""
         layout = SignalLayout(rig, rig.system)
-        self.tracked = np.array(defaults(rig, "controller")["output_weight"]) > 0.0
+        self.tracked = tracked_outputs(rig)
         """Which outputs have references (outputs,)."""
         self._signature = signature
         self._scales = np.array([display.scale for display in rig.display])
@@ -40,6 +41,11 @@ class PlanWriter:
         chosen = slice(None, None, max(1, -(-len(loop.time) // SHOWN)))
         rows = np.hstack([loop.outputs, loop.inputs])[chosen]
         return TrajectoryWriter(self._predicted, _offsets(loop.time[chosen]), self._signature).pack(0, rows.tolist())
+
+
+def tracked_outputs(rig: Rig) -> NDArray[np.bool_]:
+    """Which outputs have references (outputs,)."""
+    return np.array([item.tracked for item in set_point_ranges(rig)])
 
 
 def _offsets(times: Array) -> list[int]:
