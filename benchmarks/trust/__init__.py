@@ -1,0 +1,1 @@
+"""How far a record and a model are to be trusted, measured."""

@@ -1,0 +1,61 @@
+"""How far records and models are to be trusted: python -m benchmarks.trust [PART...].
+
+Asked rows that fall short are counted in the key ``short``, and named.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rich.table import Table
+
+from benchmarks import result
+from benchmarks.trust import importing, records
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
+
+NAME = "trust"
+PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {"import": importing.measured, "check": records.measured}
+
+
+def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
+    """Each asked row: name, value, what is asked, and whether it is reached."""
+    made = list[tuple[str, float, str, bool]]()
+    if part := found.get("import"):
+        made.append(("import of ten minutes [s]", part["seconds"], "< 5", part["seconds"] < 5.0))
+    if part := found.get("check"):
+        made.append(("kinds of faults named first", part["kinds_named"], ">= 27 of 30", part["kinds_named"] >= 27))
+        made.append(("good records accused", len(part["accused"]), f"0 of {part['good']}", not part["accused"]))
+        made.append(("check [s]", part["check_seconds"], "< 10", part["check_seconds"] < 10.0))
+    return made
+
+
+def main() -> int:
+    """Measure the parts that are named, or all; print the table and write the JSON."""
+    chosen, found = sys.argv[1:] or list(PARTS), dict[str, Any]()
+    if unknown := [name for name in chosen if name not in PARTS]:
+        print(f"error: no part {unknown[0]}: known are {', '.join(PARTS)}", file=sys.stderr)
+        return 2
+    for name in chosen:
+        status.print(name)
+        found[name] = PARTS[name]()
+    table = Table("asked", "measured", "goal", "reached", title="trust")
+    made = rows(found)
+    for name, value, goal, reached in made:
+        table.add_row(name, f"{value:.3g}", goal, "yes" if reached else "NO")
+    print_table(table)
+    for kind, case in found.get("check", {}).get("kinds", {}).items():
+        if case["right"] < records.ENOUGH:
+            console.print(f"{kind}: {case['right']} of 9, {case['first']}")
+    for name, words in found.get("check", {}).get("accused", {}).items():
+        console.print(f"accused: {name}: {words}")
+    if chosen == list(PARTS):
+        short = [name for name, *_, reached in made if not reached]
+        print(result.write(NAME, {**found, "short": len(short), "short_rows": short}))
+        console.print(f"short: {len(short)}{': ' if short else ''}{', '.join(short)}")
+    return 0
+
+
+if __name__ == "__main__":
+    result.run(main)

@@ -1,0 +1,81 @@
+"""The check of a record: every fault that it shows, the costliest first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.record_check.response import response_findings
+from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
+from hybrid_sysid_ros.rigs.rig import Rig
+
+QUIET = 0.02
+"""Share of an actuator's span below which an input hardly moves."""
+FEWEST = 200
+"""Samples below which a record is short."""
+MISSING = 0.005
+"""Share of missing samples that is worth a word."""
+
+
+def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
+    """All findings, the costliest first. Raises UserError for a record that does not fit the rig."""
+    signals, found = signals_of(record, rig), list[RecordFinding]()
+    for signal in signals:
+        found += sample_findings(signal)
+    found += _whole(record, signals)
+    if not any(item.cost >= 1.0 for item in found):
+        found += response_findings(record, rig, signals)
+    return sorted(found, key=lambda item: -item.cost)
+
+
+def signals_of(record: Record, rig: Rig) -> list[CheckedSignal]:
+    """Inputs and outputs with what the rig says of them."""
+    period, found = record.sampling_time, []
+    for item, actuator, values in zip(rig.system.inputs, rig.actuators, record.input.T, strict=True):
+        found.append(
+            CheckedSignal(
+                name=item.name, unit=item.unit, values=values, period=period, is_input=True,
+                limits=(actuator.low, actuator.high),
+            )
+        )  # fmt: skip
+    for item, sensor, values in zip(rig.system.outputs, rig.sensors, record.output.T, strict=True):
+        scale = abs(sensor.scale)
+        found.append(
+            CheckedSignal(
+                name=item.name, unit=item.unit, values=values, period=period, is_input=False,
+                noise=scale * sensor.white_noise, count=scale * sensor.quantiser.count if sensor.quantiser else 0.0,
+                hum=scale * sensor.hum.rms if sensor.hum else 0.0,
+            )
+        )  # fmt: skip
+    return found
+
+
+def _whole(record: Record, signals: list[CheckedSignal]) -> list[RecordFinding]:
+    """Findings on the record as a whole: its length, missing samples, and how far the inputs move."""
+    found = []
+    if record.samples < FEWEST:
+        found.append(
+            RecordFinding(
+                kind="short", cost=0.5, words=f"{record.samples} samples, {record.duration:.4g} s", cure="record longer"
+            )
+        )
+    lost = 0.0 if record.measured is None else float(1.0 - record.measured.mean())
+    if lost > MISSING:
+        found.append(
+            RecordFinding(
+                kind="missing samples", cost=min(0.7, 0.4 + 2.0 * lost), words=f"{lost:.1%} of the samples are missing",
+                cure="use a faster disk or a slower rate; fits leave them out",
+            )
+        )  # fmt: skip
+    inputs = [signal for signal in signals if signal.is_input]
+    spans = [float(np.ptp(np.percentile(item.values, [1, 99]))) / (item.limits[1] - item.limits[0]) for item in inputs]
+    if 0.0 < max(spans) < QUIET:
+        found.append(
+            RecordFinding(
+                kind="no excitation", cost=0.96,
+                words=f"{inputs[0].name} moves over {max(spans):.1%} of what its actuator can",
+                cure="drive it over the range that the model is for; or is it in another unit?",
+            )
+        )  # fmt: skip
+    return found

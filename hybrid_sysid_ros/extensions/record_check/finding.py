@@ -1,0 +1,29 @@
+"""A finding: what is wrong with a record, what it costs, and its cure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+BLOCKS = 0.8
+"""Cost from which a fit would be worth nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordFinding:
+    """One fault of a record, or what it can't tell."""
+
+    kind: str
+    """In a word or two: delay, sign, frozen, ..."""
+    cost: float
+    """From 0 (worth knowing) to 1 (nothing can be learned)."""
+    words: str
+    """What was seen, where."""
+    cure: str
+
+    @property
+    def blocks(self) -> bool:
+        """Whether a fit would be worth nothing."""
+        return self.cost >= BLOCKS
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.words}; {self.cure}"

@@ -1,0 +1,278 @@
+"""Response: how the outputs follow the inputs, beside what the rig's own physics make of the same inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import rollouts
+from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, runs_of
+from hybrid_sysid_ros.identification.experiment import prepare
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+PIECES = 8
+"""Pieces of a record whose delays show a drift."""
+RELATED, CLEAR, BEYOND = 0.45, 0.6, 3.0
+"""Correlations below which nothing is related, and above which delay and scale mean something; ratio of motions above
+which the scale is wrong whatever the correlation."""
+LONGEST_LAG = 0.4
+"""Longest delay that is looked for [s], or as many steps as the signal needs for a change, where that is more."""
+STEP = 0.005
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alignment:
+    """Best agreement of two signals."""
+
+    correlation: float
+    lag: float
+    """By which the measured one is late, in samples."""
+    scale: float
+    """Measured over expected."""
+
+
+def expected_outputs(record: Record, rig: Rig) -> Array | None:
+    """What the rig's own physics make of the record's inputs, (samples, outputs); None where they grow beyond all
+    numbers, or the record is too short.
+    """
+    period = record.sampling_time
+    step = period / max(1, round(period / max(STEP, rig.step)))
+    try:
+        experiment = prepare(record, rig.system, Sampling(step=step, period=period))
+    except UserError:
+        return None
+    starts = np.array([[0, 0, experiment.samples, 0]], dtype=np.int64)
+    every = experiment.sampling.every
+    with np.errstate(all="ignore"):
+        _, outputs = rollouts(
+            rig.system, starts, experiment.states[:1].copy(), experiment.inputs, step=step, every=every
+        )
+    found = np.asarray(outputs).reshape(-1, record.output.shape[1])[: record.samples]
+    return found if np.isfinite(found).all() and len(found) == record.samples else None
+
+
+def changes(values: Array, apart: int) -> Array:
+    """Differences between samples so far apart."""
+    return np.asarray(values[apart:] - values[:-apart])
+
+
+def time_of_change(values: Array) -> int:
+    """Samples in which a signal changes: a tenth of a period at the middle frequency of its rate's power."""
+    power = np.abs(np.fft.rfft(np.diff(values) * np.hanning(len(values) - 1))) ** 2
+    share = np.cumsum(power) / max(power.sum(), 1e-300)
+    middle = max(int(np.argmax(share > 0.5)), 1)
+    return int(np.clip(len(values) / middle / 10.0, 1, max(len(values) // 50, 1)))
+
+
+def aligned(measured: Array, expected: Array, good: NDArray[np.bool_], apart: int, longest: int) -> Alignment:
+    """The lag, sign and scale at which changes of two signals agree best."""
+    m, p = (changes(uniform_filter1d(values, apart), apart) for values in (measured, expected))
+    kept = good[apart:] & good[:-apart]
+    m = np.where(kept, m - m[kept].mean() if kept.any() else 0.0, 0.0)
+    p = p - p.mean()
+    size = 1 << int(len(m) + longest).bit_length()
+    cross = np.fft.irfft(np.fft.rfft(m, size) * np.conj(np.fft.rfft(p, size)), size)
+    cross = np.concatenate([cross[-longest:], cross[: longest + 1]])
+    power = float(np.sqrt((m @ m) * (p[kept] @ p[kept]))) or 1e-300
+    correlation = cross / power
+    best = int(np.argmax(np.abs(correlation)))
+    if 0 < best < len(correlation) - 1:
+        left, middle, right = np.abs(correlation[best - 1 : best + 2])
+        bend = left - 2.0 * middle + right
+        lag = best - longest + (0.5 * (left - right) / bend if bend < 0 else 0.0)
+    else:
+        lag = float(best - longest)
+    return Alignment(
+        correlation=float(correlation[best]), lag=float(lag), scale=float(cross[best] / max(p[kept] @ p[kept], 1e-300))
+    )
+
+
+def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -> Iterator[RecordFinding]:
+    """Sign, delay and its change, scale, swapped channels, frozen sensors, and outputs that no input moves."""
+    expected = expected_outputs(record, rig)
+    outputs = [signal for signal in signals if not signal.is_input]
+    if expected is None:
+        return
+    period = record.sampling_time
+    if len(outputs) > 1 and (swap := _swapped(outputs, expected)):
+        yield swap
+        return
+    if record.input.shape[1] == len(outputs) == 1 and (swap := _exchanged(record, rig, outputs[0], expected[:, 0])):
+        yield swap
+        return
+    for k, signal in enumerate(outputs):
+        if np.ptp(expected[:, k]) == 0.0 or signal.span == 0.0:
+            continue
+        if not signal.explained:
+            yield from _frozen(signal, expected[:, k])
+        apart = time_of_change(expected[:, k])
+        longest = int(min(max(LONGEST_LAG / period, 8 * apart), record.samples // 6))
+        good = ~signal.spoilt
+        found = aligned(signal.values, expected[:, k], good, apart, longest)
+        yield from _judged(signal, found, expected[:, k], good, apart, longest, period)
+
+
+def _judged(
+    signal: CheckedSignal, found: Alignment, expected: Array, good: NDArray[np.bool_], apart: int, longest: int,
+    period: float,
+) -> Iterator[RecordFinding]:  # fmt: skip
+    late = found.lag * period
+    drift = _drift(signal, expected, good, apart, longest)
+    if drift is not None and abs(drift) * len(good) > max(3.0, 0.15 * apart):
+        yield RecordFinding(
+            kind="clock drift", cost=min(0.79, 0.7 + 0.002 * abs(drift) * len(good)),
+            words=f"{signal.name} gets later by {1e3 * drift:.3g} ms a second: two clocks, {abs(drift):.2%} apart",
+            cure=f"say so in import.yaml: drift: {drift:.3g} of the output's column, or stamp both with one clock",
+        )  # fmt: skip
+        return
+    ratio = float(np.std(changes(signal.values, apart)) / max(np.std(changes(expected, apart)), 1e-300))
+    if abs(found.correlation) < CLEAR and ratio > BEYOND and not signal.explained:
+        yield RecordFinding(
+            kind="scale", cost=0.82,
+            words=f"{signal.name} moves {ratio:.3g} times as far as the rig's physics make of these inputs",
+            cure="correct the scale or unit of the input or the sensor (import.yaml, --signals)",
+        )  # fmt: skip
+        return
+    if signal.explained and abs(found.correlation) < CLEAR:
+        return
+    if abs(found.correlation) < RELATED:
+        yield RecordFinding(
+            kind="no relation", cost=0.95,
+            words=f"{signal.name} does not follow the inputs (correlation {found.correlation:.2f} with what the rig's "
+            "physics make of them)",
+            cure="is it the right column, and of the same experiment? compare its plot with the input's",
+        )  # fmt: skip
+        return
+    if abs(found.correlation) < CLEAR:
+        return
+    if found.correlation < 0.0:
+        yield RecordFinding(
+            kind="sign", cost=0.97,
+            words=f"{signal.name} goes the other way than the inputs drive it (correlation {found.correlation:.2f})",
+            cure="turn the sensor or the input round: sign: -1 in import.yaml, or a negative scale in --signals",
+        )  # fmt: skip
+        return
+    least = max(2.2 * period, 0.012 if period < 0.012 else 0.0, 0.12 * apart * period)
+    if abs(late) > least:
+        way = "later" if late > 0 else "earlier"
+        yield RecordFinding(
+            kind="delay", cost=min(0.79, 0.5 + 0.3 * abs(found.lag) / (10 * apart)),
+            words=f"{signal.name} answers {1e3 * abs(late):.3g} ms {way} than the rig's physics say",
+            cure=f"shift: {round(found.lag)} of its column in import.yaml; or give the rig that delay, if it is real",
+        )  # fmt: skip
+    apart_from = signal.values - expected
+    line = np.polyfit(np.arange(len(expected)), apart_from, 1)
+    rise = abs(float(line[0])) * len(expected)
+    straight = np.var(np.polyval(line, np.arange(len(expected)))) > 0.9 * np.var(apart_from)
+    if straight and rise > 0.8 * float(np.ptp(expected)) and found.correlation > 0.7:
+        yield RecordFinding(
+            kind="sensor drift", cost=0.6,
+            words=f"{signal.name} leaves what the rig's physics say by {rise:.3g} {signal.unit}, along a straight line",
+            cure="let the sensor warm up, or take the line away; in a rig that integrates, an offset looks alike",
+        )  # fmt: skip
+    if not 0.72 < found.scale < 1.38 and found.correlation > 0.75:
+        yield RecordFinding(
+            kind="scale", cost=min(0.79, 0.72 + 0.02 * abs(np.log2(max(found.scale, 1e-6)))),
+            words=f"{signal.name} moves {found.scale:.3g} times as far as the rig's physics say",
+            cure="correct the scale or unit of the sensor or the input; or the rig's parameters, if they are guesses",
+        )  # fmt: skip
+
+
+def _drift(signal: CheckedSignal, expected: Array, good: NDArray[np.bool_], apart: int, longest: int) -> float | None:
+    """Change of the delay [samples per sample], where it is clear."""
+    length = len(good) // PIECES
+    if length < 4 * apart or length < 40:
+        return None
+    lags, middles = [], []
+    for piece in range(PIECES):
+        part = slice(piece * length, (piece + 1) * length)
+        if np.ptp(expected[part]) == 0.0 or good[part].mean() < 0.5:
+            continue
+        one = aligned(signal.values[part], expected[part], good[part], apart, min(longest, length // 3))
+        if one.correlation > CLEAR:
+            lags.append(one.lag)
+            middles.append((piece + 0.5) * length)
+    if len(lags) < 5:
+        return None
+    slope, level = np.polyfit(middles, lags, 1)
+    left = np.array(lags) - np.polyval([slope, level], middles)
+    error = float(np.sqrt(left @ left / (len(lags) - 2) / np.sum((np.array(middles) - np.mean(middles)) ** 2)))
+    return float(slope) if abs(slope) > 4.0 * error + 1e-12 else None
+
+
+def _frozen(signal: CheckedSignal, expected: Array) -> Iterator[RecordFinding]:
+    """Values that stay exactly the same while the physics move on."""
+    same = np.append(False, np.diff(signal.values) == 0.0)
+    first, length = runs_of(same)
+    long = length >= max(8, round(0.02 / signal.period))
+    count = max(signal.resolution(), signal.count)
+    usual = float(np.median(np.abs(changes(expected, 1)))) or 1e-300
+    found = []
+    for start, size in zip(first[long], length[long], strict=True):
+        moved = float(np.ptp(expected[start : start + size]))
+        if moved > max(0.08 * float(np.ptp(expected)), 6.0 * count) and moved > 3.0 * usual:
+            found.append((int(start), int(size)))
+    if found:
+        for start, size in found:
+            signal.spoilt[start : start + size] = True
+        lost = sum(size for _, size in found)
+        yield RecordFinding(
+            kind="frozen", cost=min(0.79, 0.55 + 0.5 * lost / len(expected)),
+            words=f"{signal.name} stays at {signal.values[found[0][0]]:.4g} {signal.unit} for "
+            f"{max(size for _, size in found) * signal.period:.3g} s from {signal.at(found[0][0])} on, "
+            f"{lost / len(expected):.1%} of the record, while the inputs drive it on",
+            cure="leave that part out (--part), and look for the sensor's cable or a full buffer",
+        )  # fmt: skip
+
+
+def _swapped(outputs: Sequence[CheckedSignal], expected: Array) -> RecordFinding | None:
+    """Two outputs, each of which follows what is expected of the other."""
+    table = np.zeros((len(outputs), len(outputs)))
+    for i, signal in enumerate(outputs):
+        for j in range(len(outputs)):
+            if signal.span > 0.0 and np.ptp(expected[:, j]) > 0.0:
+                apart = time_of_change(expected[:, j])
+                found = aligned(signal.values, expected[:, j], ~signal.spoilt, apart, 4 * apart)
+                table[i, j] = abs(found.correlation)
+    for i in range(len(outputs)):
+        for j in range(i):
+            if min(table[i, j], table[j, i]) > max(table[i, i], table[j, j], 0.5) + 0.1:
+                return RecordFinding(
+                    kind="swapped channels", cost=0.96,
+                    words=f"{outputs[i].name} moves as {outputs[j].name} should, and the other way round",
+                    cure="exchange the two columns in import.yaml or in --signals",
+                )  # fmt: skip
+    return None
+
+
+def _exchanged(record: Record, rig: Rig, output: CheckedSignal, expected: Array) -> RecordFinding | None:
+    """An output that is the input: the input's column follows what the output's column would drive."""
+    if output.span == 0.0 or np.ptp(expected) == 0.0 or np.ptp(record.input) == 0.0:
+        return None
+    apart = time_of_change(expected)
+    straight = aligned(output.values, expected, ~output.spoilt, apart, 8 * apart)
+    if straight.correlation > CLEAR and straight.lag > -1.5:
+        return None
+    low, high = rig.limits
+    driving = (record.output - record.output.mean()) / np.ptp(record.output) * (high - low) + 0.5 * (high + low)
+    other = expected_outputs(replace(record, input=driving, output=record.input), rig)
+    if other is None or np.ptp(other) == 0.0:
+        return None
+    apart = time_of_change(other[:, 0])
+    back = aligned(record.input[:, 0], other[:, 0], np.ones(record.samples, dtype=bool), apart, 4 * apart)
+    if back.correlation < max(CLEAR, straight.correlation + (0.2 if straight.correlation < CLEAR else 0.0)):
+        return None
+    return RecordFinding(
+        kind="swapped channels", cost=0.96,
+        words=f"the input's column moves as {output.name} should, and that of {output.name} as an input",
+        cure="exchange the two columns in import.yaml or in --signals",
+    )  # fmt: skip

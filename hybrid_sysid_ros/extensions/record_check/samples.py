@@ -1,0 +1,219 @@
+"""Samples: faults that one signal shows by itself, and the samples that they spoil."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.support.arrays import Array
+
+MAINS = (50.0, 60.0)
+"""Frequencies of the mains [Hz]."""
+
+
+@dataclass(kw_only=True, eq=False)
+class CheckedSignal:
+    """One input or output of a record, and what its rig says of it."""
+
+    name: str
+    unit: str
+    values: Array
+    """(samples,)."""
+    period: float
+    """[s]."""
+    is_input: bool
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    """Where an actuator or a sensor ends."""
+    noise: float = 0.0
+    """Of the sensor, rms [unit]."""
+    count: float = 0.0
+    """Of its quantiser [unit]."""
+    hum: float = 0.0
+    """Of the mains that the rig declares, rms [unit]."""
+    spoilt: NDArray[np.bool_] = field(init=False)
+    """Samples that a fault spoils, (samples,)."""
+    explained: bool = False
+    """Whether a fault of the signal itself was found, of which a poor response would be a consequence."""
+
+    def __post_init__(self) -> None:
+        self.spoilt = np.zeros(len(self.values), dtype=bool)
+
+    @property
+    def span(self) -> float:
+        return float(np.ptp(self.values))
+
+    def at(self, sample: int) -> str:
+        return f"sample {sample} ({sample * self.period:.4g} s)"
+
+    def resolution(self) -> float:
+        """Least step between two values; 0 where they are not quantised."""
+        steps = np.diff(np.unique(self.values))
+        steps = steps[steps > 1e-9 * max(self.span, 1e-300)]
+        if not len(steps):
+            return 0.0
+        least = float(np.percentile(steps, 2))
+        whole = steps / least
+        is_whole = np.mean(np.abs(whole - np.round(whole)) < 0.05) > 0.95
+        return least if is_whole and len(steps) < 0.3 * len(self.values) else 0.0
+
+
+def runs_of(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First samples and lengths of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return edges[::2], edges[1::2] - edges[::2]
+
+
+def sample_findings(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """Faults of a signal by itself; they mark the samples that they spoil."""
+    if signal.span == 0.0:
+        kind = "no excitation" if signal.is_input else "constant output"
+        yield RecordFinding(
+            kind=kind, cost=1.0, words=f"{signal.name} is {signal.values[0]:.4g} {signal.unit} throughout",
+            cure="name the right column, or repair the sensor",
+        )  # fmt: skip
+        return
+    found = list(_clipped(signal)) + list(_held(signal))
+    if not (signal.is_input or found):
+        found += _spikes(signal)
+        found += _hum(signal)
+        found += _coarse(signal)
+        found += () if found else _noise(signal)
+    signal.explained = bool(found)
+    yield from found
+
+
+def _clipped(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """Flat tops that the signal approaches in steps that are small beside them."""
+    y, small = signal.values, 0.02 * signal.span
+    usual = float(np.percentile(np.abs(np.diff(y)), 99)) + small
+    for end, extreme in (("highest", y.max()), ("lowest", y.min())):
+        first, length = runs_of(np.abs(y - extreme) <= 1e-6 * signal.span)
+        flat = (length >= 4) & (first > 0)
+        first, length = first[flat], length[flat]
+        if len(first) < 3 or length.sum() < 0.004 * len(y):
+            continue
+        if signal.is_input and any(abs(extreme - limit) < 0.01 * signal.span for limit in signal.limits):
+            continue  # an actuator's end is real
+        approach = np.abs(y[first] - y[first - 1])
+        if np.mean((approach < min(usual, 0.1 * signal.span)) & (approach > 0)) < 0.6:
+            continue  # it jumps there: a level
+        near = np.mean((np.abs(y - extreme) < 0.05 * signal.span) & (np.abs(y - extreme) > 1e-6 * signal.span))
+        if length.sum() / len(y) < 1.5 * near and signal.resolution() > 0.0:
+            continue  # a turning point of a coarse sensor
+        signal.spoilt |= np.abs(y - extreme) <= 1e-6 * signal.span
+        yield RecordFinding(
+            kind="clipped", cost=min(0.79, 0.5 + 2.0 * length.sum() / len(y)),
+            words=f"{signal.name} has {len(first)} flat tops at its {end} value {extreme:.4g} {signal.unit}, the first "
+            f"at {signal.at(int(first[0]))}, {length.sum() / len(y):.1%} of the samples",
+            cure="enlarge the range of the converter or drive less; leave those parts out (--part)",
+        )  # fmt: skip
+
+
+def _held(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """A signal that changes at every k-th sample only, though it could change at each."""
+    changes = np.flatnonzero(np.diff(signal.values)) + 1
+    if len(changes) < 20:
+        return
+    gaps = np.diff(changes)
+    longest = max(2, round(min(0.2 / signal.period, 200)))
+    for k in range(min(longest, int(np.median(gaps))), 1, -1):
+        regular = np.mean(np.bincount(changes % k, minlength=k).max() / len(changes))
+        dense = len(changes) * k / (changes[-1] - changes[0] + 1)
+        if regular > 0.95 and dense > 0.55:
+            yield RecordFinding(
+                kind="held", cost=0.6,
+                words=f"{signal.name} changes only every {k} samples, {1 / (k * signal.period):.4g} times a second",
+                cure="record it at the rate of the others; if it was applied so, go on",
+            )  # fmt: skip
+            return
+
+
+def _spikes(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """Samples far away from both neighbours, and far more than others are."""
+    y = signal.values
+    away = np.abs(y - median_filter(y, 7, mode="nearest"))
+    usual = float(np.percentile(away, 95))
+    least = max(0.05 * float(np.ptp(np.percentile(y, [1, 99]))), 4.0 * max(signal.count, signal.resolution()))
+    far = away > max(6.0 * usual, least, 8.0 * signal.noise)
+    first, length = runs_of(far)
+    back = np.abs(y[np.minimum(first + length, len(y) - 1)] - y[np.maximum(first - 1, 0)])
+    first = first[(length <= 3) & (back < 0.5 * away[first])]
+    if len(first) and far.mean() < 0.04:
+        signal.spoilt |= far
+        worst = int(np.argmax(away))
+        yield RecordFinding(
+            kind="spikes", cost=min(0.75, 0.4 + 20.0 * far.mean() + 0.1 * away[worst] / signal.span),
+            words=f"{signal.name} has {len(first)} spikes, the farthest to {y[worst]:.4g} {signal.unit} at "
+            f"{signal.at(worst)}",
+            cure="repair the wiring or the driver; leave those parts out (--part)",
+        )  # fmt: skip
+
+
+def _spectrum(signal: CheckedSignal) -> tuple[Array, Array]:
+    """Frequencies [Hz] and amplitudes of the signal's differences."""
+    y = np.diff(signal.values) * np.hanning(len(signal.values) - 1)
+    return np.asarray(np.fft.rfftfreq(len(y), signal.period), dtype=np.float64), np.abs(np.fft.rfft(y))
+
+
+def _hum(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """A sharp line of the mains, or its mirror image below half the sampling rate."""
+    if signal.is_input:
+        return
+    rate = 1.0 / signal.period
+    frequencies, size = _spectrum(signal)
+    width = frequencies[1]
+    for mains in (*MAINS, 100.0, 120.0):
+        seen = abs((mains + rate / 2) % rate - rate / 2)
+        if not (8 * width < seen < rate / 2 - 4 * width) or seen < 1.0:
+            continue
+        near = np.abs(frequencies - seen) < 0.002 * mains + 3 * width
+        around = (np.abs(frequencies - seen) < 60 * width) & ~(np.abs(frequencies - seen) < 0.002 * mains + 6 * width)
+        if not around.any():
+            continue
+        line, floor = float(size[near].max()), float(np.median(size[around]))
+        gain = 2.0 * np.sin(np.pi * seen / rate)
+        amplitude = line * 4.0 / len(signal.values) / max(gain, 1e-9)
+        rms = amplitude / np.sqrt(2.0)
+        least = max(1.6 * signal.hum, 0.15 * signal.noise, 0.3 * signal.count, 2e-3 * signal.span)
+        if line > 25.0 * floor and rms > least:
+            alias = mains > rate / 2
+            yield RecordFinding(
+                kind="aliasing" if alias else "hum", cost=min(0.65, 0.3 + 2.0 * amplitude / signal.span),
+                words=f"{signal.name} has a line of {amplitude:.3g} {signal.unit} at {seen:.4g} Hz, "
+                + (f"the mirror image of {mains:g} Hz at {rate:.4g} samples/s" if alias else "that of the mains"),
+                cure="put a low-pass before the converter, and sample faster" if alias else "shield the sensor's cable",
+            )  # fmt: skip
+            return
+
+
+def _noise(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """Noise far above what the rig's sensor has."""
+    if signal.is_input or not (signal.noise or signal.count):
+        return
+    jumps = np.diff(signal.values, 3)
+    rms = float(np.median(np.abs(jumps))) / 0.6745 / np.sqrt(20.0)
+    usual = float(np.hypot(np.hypot(signal.noise, signal.count / np.sqrt(12.0)), signal.hum))
+    if rms > 2.5 * usual and rms > 2e-3 * signal.span:
+        yield RecordFinding(
+            kind="noise", cost=min(0.65, 0.3 + 3.0 * rms / signal.span),
+            words=f"{signal.name} has noise of {rms:.3g} {signal.unit} rms, the rig's sensor {usual:.3g}",
+            cure="look for a loose contact or a cable beside the drive's; or correct sensors in rig.yaml",
+        )  # fmt: skip
+
+
+def _coarse(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """Steps between values that are larger than the rig's sensor has them."""
+    step = signal.resolution()
+    if signal.is_input or step <= max(1.5 * signal.count, 0.5 * signal.noise):
+        return
+    if step > 0.004 * signal.span:
+        yield RecordFinding(
+            kind="quantisation", cost=min(0.65, 0.3 + 5.0 * step / signal.span),
+            words=f"{signal.name} comes in steps of {step:.3g} {signal.unit}, {signal.span / step:.0f} in all",
+            cure="use more bits or a smaller range, and keep all digits when exporting",
+        )  # fmt: skip

@@ -1,0 +1,77 @@
+"""Faults of a record are named first, and a good record is accused of none."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+import hybrid_sysid_ros as hs
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags import joint_states, write_bag
+from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.extensions.record_check.check import findings_of
+
+ROOT = Path(__file__).parents[4]
+
+RIG = "wheel_motor"
+
+
+@cache
+def record():
+    return bags.read(ROOT / "bags" / "wheel_motor_multisine", hs.load_rig(RIG).signals)
+
+
+def first(output=None, inputs=None, **changed) -> str:
+    """The kind of finding that is named first."""
+    r = record()
+    spoilt = replace(
+        r, output=r.output if output is None else output, input=r.input if inputs is None else inputs, **changed
+    )
+    found = findings_of(spoilt, hs.load_rig(RIG))
+    return found[0].kind if found else ""
+
+
+def test_a_good_record_is_accused_of_nothing():
+    assert first() == ""
+
+
+def test_each_fault_is_named_first():
+    r, random = record(), np.random.default_rng(0)
+    y, u, t = r.output, r.input, r.time
+    frozen, spiked = y.copy(), y.copy()
+    frozen[300:600] = frozen[300]
+    spiked[random.choice(len(y), 5)] = 3.0 * y.max()
+    late = np.interp(t - 0.08, t, y[:, 0])[:, None]
+    slow = np.interp(1.006 * t, t, y[:, 0])[:, None]
+    measured = random.uniform(size=len(y)) > 0.05
+    assert first(-y) == first(inputs=-u) == "sign"
+    assert first(2.0 * y) == first(0.5 * y) == "scale"
+    assert first(late) == "delay"
+    assert first(slow) == "clock drift"
+    assert first(frozen) == "frozen"
+    assert first(spiked) == "spikes"
+    assert first(np.clip(y, 0.5 * y.min(), 0.5 * y.max())) == "clipped"
+    assert first(np.repeat(y[::10], 10, axis=0)[: len(y)]) == "held"
+    assert first(0.0 * y) == "constant output"
+    assert first(inputs=0.0 * u) == "no excitation"
+    assert first(measured=measured) == "missing samples"
+    assert first(y.std() * random.normal(size=y.shape)) in ("no relation", "noise")
+
+
+def test_the_command_says_what_to_do_and_its_status_tells_scripts(call, tmp_path):
+    check, r = partial(call, app.main, "hybrid-sysid", "check-record", "--rig", RIG), record()
+    status, out, _ = check(str(ROOT / "bags" / "wheel_motor_multisine"))
+    assert (status, "no fault" in out) == (0, True)
+    stamps = np.int64(1e9) + np.round(1e9 * r.time).astype(np.int64)
+    wheel = joint_states(
+        f"/{RIG}/joint_states", stamps, ["wheel"], velocity=-r.output, effort=np.roll(r.input, 1, axis=0)
+    )
+    write_bag(tmp_path / "turned", [wheel])
+    status, out, _ = check(str(tmp_path / "turned"))
+    assert status == 1
+    assert "worth nothing before this is cured: sign" in out
+    assert json.loads(check(str(tmp_path / "turned"), "--json")[1])[str(tmp_path / "turned")][0]["kind"] == "sign"
