@@ -15,8 +15,6 @@ from rich.table import Table
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import (
     InputHandlingOption,
-    Period,
-    StepOption,
     console,
     print_table,
     status,
@@ -58,8 +56,8 @@ def command(
     page: Annotated[Path | None, typer.Option("--report", help="Write an HTML page with the plots.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the model that is chosen.")] = None,
     jobs: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
-    step: StepOption = 0.005,
-    period: Period = 0.05,
+    step: Annotated[float, typer.Option(help="Integration step [s].")] = 0.005,
+    period: Annotated[float, typer.Option(help="Time between fitted samples [s].")] = 0.05,
 ) -> None:
     """Reproduce the lecture's table of free runs with every structure, and choose one by its training data.
 
