@@ -13,5 +13,5 @@ EXTENSION = Extension(
             "From what is known beforehand to a verdict: models, shots, a controller.",
         ),
     },
-    provides={"sections": {"mockup": f"{HERE}.mockup:Setup.of"}},
+    provides={"sections": {"mockup": f"{HERE}.setup:Setup.of"}},
 )

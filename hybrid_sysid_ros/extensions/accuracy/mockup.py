@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,17 @@ import numpy as np
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.control.closed_loop import ClosedLoop
-from hybrid_sysid_ros.control.safety.certificate import binomial_bound
-from hybrid_sysid_ros.control.scenarios import plant_near
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range
-from hybrid_sysid_ros.extensions.accuracy.statistics import Accuracy, Discrepancy, assess, fewest
-from hybrid_sysid_ros.identification import Part, identify
+from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, recorded_runs
+from hybrid_sysid_ros.extensions.accuracy.setup import Setup
+from hybrid_sysid_ros.extensions.accuracy.statistics import (
+    Discrepancy,
+    ShotComparison,
+    assess,
+    compare,
+    fewest,
+)
+from hybrid_sysid_ros.extensions.accuracy.verdict import Found, judged
+from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
@@ -27,191 +30,110 @@ from hybrid_sysid_ros.models import Model, build
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.experiments import simulate_experiment
-from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import Report
-from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_unknown, section
 
-KEYS = ("learn", "part", "test", "seconds", "rate", "structure", "options", "tolerance")
-"""Of the section mockup of rig.yaml."""
-CONFIDENCE = 0.99
-"""Of the bound on the share of plants that are kept."""
-CLOSE = 0.95
-"""Share of the misses that the tolerance must hold."""
-SECONDS = 1.0, 86_400.0
-"""Of an experiment."""
-SLOWEST = 1.0
-"""Samples of an experiment a second."""
+AGAINST = ("prior", "simulated")
+"""Shots that live ones are compared with."""
 
 Fire = Callable[[Range, int, str], MonteCarloRuns]
 """fire(where, count, name)"""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setup:
-    """What is to be done."""
+class ShotPlan:
+    """What is fired, and how it is judged."""
 
-    rig: Rig
-    reality: System
-    """What the rig is, and nobody in the mock-up knows."""
-    plan: DemoRecipe
-    """How the rig's demo identifies, and which reference it follows."""
-    learn: tuple[str, ...]
-    """Experiments to learn from."""
-    part: Part
-    """Of each of these."""
-    test: tuple[str, ...]
-    """Experiments to test the models on."""
-    seconds: float
-    """Of each."""
-    rate: float
-    """Of their samples [Hz]."""
-    tolerance: Mapping[str, float]
-    """Of misses, by the name of a window of the reference, as its output is shown."""
-    seed: int
-
-    @classmethod
-    def of(cls, rig: Rig, seed: int = 0) -> Setup:
-        """By the sections demo and mockup of a rig's file; without the latter all experiments but the last are learnt
-        from. What the rig really is, is drawn by the seed: its system with each free physical parameter moved by the
-        deviation of policy_training. Raises UserError for what is not there.
-        """
-        plan, where = DemoRecipe.of(rig), f"{rig.file}: mockup"
-        given = section(rig.content, "mockup", str(rig.file))
-        refuse_unknown(given, KEYS, where)
-        if "options" in given and "structure" not in given:
-            raise UserError(f"{where}.options: belong to a structure: name one beside them")
-        if "structure" in given:
-            plan = replace(plan, structure=str(given["structure"]), options=named_numbers(given, "options", where))
-        known = list(rig.experiments.excitations)
-        if len(known) < 2:
-            raise UserError(f"{rig.file}: experiments.excitations: needs two at least, one of them to test on")
-        windows = rig.schedule(plan.reference).windows
-        tolerance = named_numbers(given, "tolerance", where)
-        for name in tolerance:
-            if name not in windows:
-                raise UserError(f"{where}.tolerance: {plan.reference} has no part {name}: it has {', '.join(windows)}")
-            if not tolerance[name] > 0.0:
-                raise UserError(f"{where}.tolerance.{name} is {tolerance[name]:g}: it needs to be above 0")
-        learn, test = (
-            _chosen(given, key, usual, known, where) for key, usual in (("learn", known[:-1]), ("test", known[-1:]))
-        )
-        if {*learn} & {*test}:
-            both = ", ".join(sorted({*learn} & {*test}))
-            raise UserError(f"{where}: {both} can't be in both learn and test: keep some that no fit sees")
-        rate = _number(given, "rate", 1.0 / plan.sampling.step, (SLOWEST, 1.0 / rig.step), where)
-        rig.steps(1.0 / rate, f"{where}.rate {rate:g} Hz: its period")
-        return cls(
-            rig=rig,
-            reality=plant_near(rig.system, configuration.spread_of(rig).parameters, np.random.default_rng(seed)),
-            plan=plan,
-            learn=learn,
-            part=Part.parse(str(given.get("part", "0:1"))),
-            test=test,
-            seconds=_number(given, "seconds", 40.0, SECONDS, where),
-            rate=rate,
-            tolerance=tolerance,
-            seed=seed,
-        )
+    live: int
+    simulated: int
+    plants: int
+    discrepancy: Discrepancy
+    matters: float = 0.1
+    """Share of an RMSE, a peak, a settling time or a path that a difference needs to matter."""
+    fleet: bool = False
+    """Whether each shot is of another plant."""
+    recorded: Sequence[LoopRecord] = ()
+    """Loops of the real rig, in place of live shots."""
+    model: Model | None = None
+    """Of the real rig, in place of experiments and identification."""
 
 
-def _chosen(
-    given: Mapping[str, Any], key: str, usual: Sequence[str], known: Sequence[str], where: str
-) -> tuple[str, ...]:
-    """Names of experiments."""
-    found = given.get(key, list(usual))
-    if not isinstance(found, list) or not found or not all(name in known for name in found):
-        raise UserError(f"{where}.{key} is {found!r}: it needs a list of experiments: {', '.join(known)}")
-    return tuple(found)
-
-
-def _number(given: Mapping[str, Any], key: str, usual: float, within: tuple[float, float], where: str) -> float:
-    found = numbers(given.get(key, usual), f"{where}.{key}", count=1)[0]
-    if not within[0] <= found <= within[1]:
-        raise UserError(f"{where}.{key} is {found:g}: it needs {within[0]:g} to {within[1]:g}")
-    return found
-
-
-@dataclass(frozen=True, kw_only=True)
-class Criterion:
-    """A line of the verdict."""
-
-    name: str
-    kept: bool
-    words: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
-    """All that a mock-up comes to."""
-
-    setup: Setup
-    models: Mapping[str, Model]
-    """prior, gray box and structure, by what the page calls them."""
-    errors: Mapping[str, Mapping[str, Mapping[str, float]]]
-    """By model, record and output: errors over unseen experiments, as the output is shown."""
-    ahead: str
-    """What these errors are of."""
-    runs: Mapping[str, MonteCarloRuns]
-    """prior, simulated, live and uncertain shots."""
-    loop: ClosedLoop
-    """The first of the live ones."""
-    accuracy: Accuracy
-    verdict: Sequence[Criterion]
-
-
-def mockup(
-    setup: Setup, out: Path, fire: Fire, counts: Mapping[str, int], discrepancy: Discrepancy, tell: Report = print
-) -> Found:
+def mockup(setup: Setup, out: Path, fire: Fire, shooting: ShotPlan, tell: Report = print) -> Found:
     """The workflow; models that an earlier run left in the folder ``out`` are not made again.
 
-    fire: fires shots. counts: of live and simulated ones and of plants. tell: gets a line at each step.
+    fire: fires shots. tell: gets a line at each step.
 
     Raises UserError as its parts do.
     """
     rig, plan = setup.rig, setup.plan
     schedule, box = rig.schedule(plan.reference), _box(setup)
-    least = fewest(len(schedule.windows))
-    for name in ("live", "simulated"):
-        if counts[name] < least:
-            raise UserError(f"--{name} {counts[name]}: the parts of {schedule.name} need {least} shots at least")
+    least, live = fewest(len(schedule.windows)), len(shooting.recorded) or shooting.live
+    for name, count in (("live", live), ("simulated", shooting.simulated)):
+        if count < least:
+            raise UserError(f"--{name} {count}: the parts of {schedule.name} need {least} shots at least")
     prior = prior_of(setup, box)
     given: dict[str, Any] = {"rig": rig, "schedule": schedule}
+    shots: dict[str, Any] = {**given, "fleet": shooting.fleet, "sensed": bool(shooting.recorded)}
     runs: dict[str, MonteCarloRuns] = {}
-    tell(f"1 simulating {schedule.name} with what is known of {rig.name} beforehand")
-    before = Range(model=prior, seed=setup.seed, predicted=True, **given)
-    runs["prior"] = fire(before, counts["simulated"], "shots of the prior")
-    tell(f"2 driving experiments: {', '.join((*setup.learn, *setup.test))}, {setup.seconds:g} s each")
-    learnt, kept = (records_of(setup, names, out / "bags") for names in (setup.learn, setup.test))
-    tell(f"3 identifying {' and '.join(dict.fromkeys((box, plan.structure)))} from {len(learnt)} bags")
-    models = {"prior": prior}
-    for structure in dict.fromkeys((box, plan.structure)):
-        models[structure] = identified(setup, structure, learnt, out / structure)
-    model = models[plan.structure]
-    errors, ahead = tested(setup, models, kept)
-    tell("4 firing shots of the model and of the rig")
-    simulated = Range(model=model, seed=setup.seed + 1, predicted=True, **given)
-    runs["simulated"] = fire(simulated, counts["simulated"], "shots of the model")
-    real = Range(model=model, seed=setup.seed + 2, reality=setup.reality, **given)
-    runs["live"] = fire(real, counts["live"], "shots of the rig")
-    accuracy = assess(runs["simulated"].shots("simulated"), runs["live"].shots("live"), discrepancy, seed=setup.seed)
-    tell(f"5 closing the loop on {counts['plants']} plants that the identification does not tell apart")
-    doubted = Range(model=model, seed=setup.seed + 3, doubted=True, **given)
-    runs["uncertain"] = fire(doubted, counts["plants"], "uncertain plants")
-    loop, _ = real.fire(0, real.controller())
+    models: dict[str, Model] = {"prior": prior}
+    errors: dict[str, dict[str, dict[str, float]]] = {}
+    ahead = ""
+    if shooting.model is not None:
+        tell(f"1 taking the model of {shooting.model.structure}, without experiments")
+        model = models[shooting.model.structure] = shooting.model
+    else:
+        tell(f"1 driving experiments: {', '.join((*setup.learn, *setup.test))}, {setup.seconds:g} s each")
+        learnt, kept = (records_of(setup, names, out / "bags") for names in (setup.learn, setup.test))
+        tell(f"2 identifying {' and '.join(dict.fromkeys((box, plan.structure)))} from {len(learnt)} bags")
+        for structure in dict.fromkeys((box, plan.structure)):
+            models[structure] = identified(setup, structure, learnt, out / structure)
+        model = models[plan.structure]
+        errors, ahead = tested(setup, models, kept)
+    tell("3 firing shots of the prior, of the model and of the rig, under the controller of the model")
+    as_prior = Range(model=model, seed=setup.seed, predicted=True, stand_in=prior.system, **shots)
+    runs["prior"] = fire(as_prior, shooting.simulated, "shots of the prior")
+    simulated = Range(model=model, seed=setup.seed + 1, predicted=True, **shots)
+    runs["simulated"] = fire(simulated, shooting.simulated, "shots of the model")
+    real = Range(model=model, seed=setup.seed + 2, reality=setup.reality, **shots)
+    if shooting.recorded:
+        runs["live"] = recorded_runs(real, shooting.recorded)
+    else:
+        runs["live"] = fire(real, shooting.live, "shots of the rig")
+    accuracy = assess(
+        runs["simulated"].shots("simulated"), runs["live"].shots("live"), shooting.discrepancy, seed=setup.seed
+    )
+    tell(f"4 closing the loop on {shooting.plants} plants that the identification does not tell apart")
+    doubted = Range(model=model, seed=setup.seed + 3, doubted=True, **shots)
+    runs["uncertain"] = fire(doubted, shooting.plants, "uncertain plants")
     found = Found(
         setup=setup,
         models=models,
         errors=errors,
         ahead=ahead,
         runs=runs,
-        loop=loop,
+        loop=shooting.recorded[0] if shooting.recorded else real.fire(0, real.controller())[0],
         accuracy=accuracy,
+        compared={name: compared(runs[name], runs["live"], setup.seed, shooting.matters) for name in AGAINST},
         verdict=(),
     )
     return replace(found, verdict=tuple(judged(found)))
+
+
+def compared(
+    simulated: MonteCarloRuns, live: MonteCarloRuns, seed: int, matters: float
+) -> dict[str, Sequence[ShotComparison]]:
+    """Live shots against simulated ones, by what their quantities are of."""
+    ours, theirs = simulated.quantities(), live.quantities()
+    found = iter(
+        compare(
+            [item for items in ours.values() for item in items],
+            [item for items in theirs.values() for item in items],
+            np.random.default_rng(seed),
+            matters=matters,
+        )
+    )
+    return {of: [next(found) for _ in items] for of, items in theirs.items()}
 
 
 def _box(setup: Setup) -> str:
@@ -299,50 +221,3 @@ def tested(
             shown = zip(names, setup.rig.display, strict=True)
             found[called][record.name] = {name: float(display.shown(each[name].rmse)) for name, display in shown}
     return found, ahead
-
-
-def judged(found: Found) -> Iterator[Criterion]:
-    """The verdict's lines."""
-    yield _predicts(found)
-    contradictions, conflict = found.accuracy.contradictions, found.accuracy.conflict
-    yield Criterion(
-        name="shots of the rig do not contradict those of the model",
-        kept=not contradictions,
-        words="; ".join(contradictions) or f"p {conflict.mean:.2g} (mean), {conflict.spread:.2g} (spread)",
-    )
-    for runs, who in ((found.runs["live"], "the rig"), (found.runs["uncertain"], "every uncertain plant")):
-        yield _holds(runs, who)
-        for window, most in found.setup.tolerance.items():
-            yield _ends(runs, window, most, who)
-
-
-def _predicts(found: Found) -> Criterion:
-    before, after = found.errors["prior"], found.errors[found.setup.plan.structure]
-    ratios = [after[record][name] / before[record][name] for record in before for name in before[record]]
-    share = math.exp(float(np.mean(np.log(np.maximum(ratios, 1e-12)))))
-    return Criterion(
-        name="the model predicts better than what was known beforehand",
-        kept=share < 1.0,
-        words=f"errors {share:.3g} times the prior's ({found.ahead}, unseen experiments, geometric mean)",
-    )
-
-
-def _holds(runs: MonteCarloRuns, who: str) -> Criterion:
-    kept, count = int(runs.sound.all(axis=1).sum()), len(runs.sound)
-    bound = binomial_bound(kept, count, 1.0 - CONFIDENCE)
-    return Criterion(
-        name=f"{who} is held, within its travel and validity",
-        kept=kept == count,
-        words=f"{kept} of {count}: a share of {bound:.3f} at least, with a confidence of {100 * CONFIDENCE:g} %",
-    )
-
-
-def _ends(runs: MonteCarloRuns, window: str, most: float, who: str) -> Criterion:
-    names = list(runs.windows)
-    unit, tracking_errors = runs.windows[window], np.abs(runs.tracking_error[:, names.index(window)])
-    tracking_error = float(np.quantile(tracking_errors, CLOSE))
-    return Criterion(
-        name=f"{window} ends within {most:g} {unit}: {who}",
-        kept=tracking_error <= most,
-        words=f"{100 * CLOSE:g} % within {tracking_error:.3g} {unit}",
-    )

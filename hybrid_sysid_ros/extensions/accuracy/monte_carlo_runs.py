@@ -11,27 +11,26 @@ import numpy as np
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.scenarios import plant_near
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.extensions.accuracy.statistics import Shots
+from hybrid_sysid_ros.extensions.accuracy.loop_measures import loop_numbers, quantities
+from hybrid_sysid_ros.extensions.accuracy.statistics import ShotQuantity, Shots
 from hybrid_sysid_ros.models import Model
-from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule, Segment
+from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.controllers import ConfiguredController, controller_of
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
-
-END = 1.0
-"""Horizons of the controller before the end of a window over which a miss is averaged."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Range:
     """Where shots are fired: a reference of a rig, followed by the exact MPC on a model.
 
-    A shot's plant is the rig, or what stands in for it, each physical parameter moved by the deviation of the
-    rig's policy_training; so are its beginning (push) and a constant offset of its inputs (disturbance).
+    A shot's plant is the rig, or what stands in for it. Its beginning (push) and a constant offset of its inputs
+    (disturbance) are drawn by the deviations of the rig's policy_training; in a fleet so is each physical parameter.
     """
 
     rig: Rig
@@ -43,13 +42,19 @@ class Range:
     """What the rig is; its own system by default."""
     predicted: bool = False
     """Whether the model stands in for the rig, as in a simulation of what will happen."""
+    stand_in: System | None = None
+    """Stands in for the rig in place of the model's system."""
+    fleet: bool = False
+    """Whether each shot is of another plant, as of a series; one plant by default."""
+    sensed: bool = False
+    """Whether outputs have the sensors' noise, as recorded ones are."""
     doubted: bool = False
     """Whether it does so with parameters drawn from the covariance of its identification."""
 
     def __call__(self, numbers: Sequence[int]) -> NamedArrays:
         """Fire shots by their numbers: arrays with a row for each; see :class:`MonteCarloRuns`."""
         controller = self.controller()
-        rows = [self._row(self.fire(number, controller)) for number in numbers]
+        rows = [self._row(number, *self.fire(number, controller)) for number in numbers]
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def controller(self) -> ConfiguredController:
@@ -73,11 +78,12 @@ class Range:
     def plant(self, number: int) -> Plant:
         """Of a shot."""
         random, stands_in = np.random.default_rng((self.seed, number)), self.predicted or self.doubted
-        system = self.model.system if stands_in else self.real
+        system = (self.stand_in or self.model.system) if stands_in else self.real
         spread = configuration.spread_of(self.rig, system).sized(system)
         if self.doubted:
             system = drawn(self.model, random)
-        system = plant_near(system, spread.parameters, random)
+        if self.fleet:
+            system = plant_near(system, spread.parameters, random)
         offset = random.normal(size=len(spread.disturbance)) * np.array(spread.disturbance)
         initial = random.normal(size=len(spread.push)) * np.array(spread.push)
         if stands_in:
@@ -87,26 +93,14 @@ class Range:
         plant.reset(initial)
         return plant
 
-    def _row(self, runs: tuple[ClosedLoop, Plant]) -> dict[str, Any]:
-        loop, plant = runs
-        judged = [self._judged(loop, segment) for segment in self.schedule.segments]
-        return {
-            "miss": [tracking_error for tracking_error, _ in judged],
-            "rmse": [rmse for _, rmse in judged],
-            "sound": [bool(np.all(np.isfinite(loop.outputs))), plant.stopped == 0, self._valid(loop)],
-        }
-
-    def _judged(self, loop: ClosedLoop, segment: Segment) -> tuple[float, float]:
-        """Mean error at the end of a window, and its root mean square over the window, as the output is shown."""
-        settings = configuration.defaults(self.rig, "controller")
-        end = END * settings["horizon"] * settings["period"]
-        display = self.rig.display[segment.output]
-        error = display.shown(loop.outputs[:, segment.output] - loop.references[:, segment.output])
-        stop = min(segment.stop, self.schedule.duration)
-        inside = (loop.time >= segment.start) & (loop.time < stop)
-        last = inside & (loop.time >= stop - end)
-        with np.errstate(over="ignore", invalid="ignore"):
-            return float(np.mean(error[last])), float(np.sqrt(np.mean(error[inside] ** 2)))
+    def _row(self, number: int, loop: ClosedLoop, plant: Plant) -> NamedArrays:
+        outputs = loop.outputs
+        if self.sensed:
+            noise = [sensor.noise * sensor.scale for sensor in self.rig.sensors]
+            outputs = outputs + np.random.default_rng((self.seed, number, 1)).normal(size=outputs.shape) * noise
+        numbers = loop_numbers(self.rig, self.schedule, loop.time, outputs, loop.references, loop.inputs)
+        sound = [bool(np.all(np.isfinite(loop.outputs))), plant.stopped == 0, self._valid(loop)]
+        return {**numbers, "sound": np.array(sound)}
 
     def _valid(self, loop: ClosedLoop) -> bool:
         """Whether the states that are outputs stayed where the rig's equations mean something."""
@@ -126,7 +120,8 @@ class Range:
             "model": [self.model.structure, self.model.system.values.tolist(), self.model.system.weights.tolist()],
             "schedule": self.schedule.name,
             "seed": self.seed,
-            "stands_in": [self.predicted, self.doubted],
+            "in_its_place": None if self.stand_in is None else [repr(self.stand_in), self.stand_in.values.tolist()],
+            "stands_in": [self.predicted, self.doubted, self.fleet, self.sensed],
         }
 
 
@@ -135,12 +130,29 @@ class MonteCarloRuns:
     """Shots of a range."""
 
     where: Range
-    tracking_error: Array
-    """(shots, windows), mean error at the end of each window of the reference, as the output is shown."""
-    rmse: Array
-    """(shots, windows), over the window."""
-    sound: Array
-    """(shots, 3): ended in numbers, touched no stop, stayed where the equations mean something."""
+    rows: NamedArrays
+    """A row for each shot: the numbers of :func:`loop_numbers`, and sound (3): ended in numbers, touched no stop,
+    stayed where the equations mean something.
+    """
+
+    @property
+    def tracking_error(self) -> Array:
+        """(shots, windows), mean error at the end of each window of the reference, as the output is shown."""
+        return self.rows["miss"]
+
+    @property
+    def rmse(self) -> Array:
+        """(shots, windows), over the window."""
+        return self.rows["rmse"]
+
+    @property
+    def sound(self) -> Array:
+        """(shots, 3)."""
+        return self.rows["sound"]
+
+    def quantities(self) -> dict[str, list[ShotQuantity]]:
+        """All quantities of the shots."""
+        return quantities(self.where.rig, self.where.schedule, self.rows)
 
     @property
     def windows(self) -> Mapping[str, str]:
@@ -160,6 +172,42 @@ class MonteCarloRuns:
         return Shots(
             name=name, names=tuple(self.windows), units=tuple(self.windows.values()), values=self.tracking_error
         )
+
+
+def recorded_runs(where: Range, loops: Sequence[LoopRecord]) -> MonteCarloRuns:
+    """Recorded loops of the real rig as its shots. Raises UserError where one did not follow the whole reference."""
+    rig, schedule, rows = where.rig, where.schedule, []
+    low, high = limits(rig)
+    for loop in loops:
+        wanted = np.stack([d.si(schedule(loop.time)[:, k]) for k, d in enumerate(rig.display)], axis=1)
+        if loop.time[0] > 0.0 or loop.time[-1] < schedule.duration - 2.0 * float(np.median(np.diff(loop.time))):
+            raise UserError(
+                f"{loop.source}: holds {loop.time[0]:.3g} to {loop.time[-1]:.3g} s of a loop, but {schedule.name} "
+                f"lasts {schedule.duration:g} s: record it whole"
+            )
+        off = [float(np.nanmedian(np.abs(loop.reference[:, k] - wanted[:, k]))) for k in loop.tracked]
+        if any(part > 1e-3 * float(np.max(np.abs(wanted))) for part in off):
+            raise UserError(
+                f"{loop.source}: followed another reference than {schedule.name}: record that, or name "
+                f"the other one in demo.reference of {rig.file}"
+            )
+        inside = bool(np.all((loop.outputs >= low) & (loop.outputs <= high)))
+        sound = [bool(np.all(np.isfinite(loop.outputs))), inside, inside]
+        numbers = loop_numbers(rig, schedule, loop.time, loop.outputs, wanted, loop.inputs)
+        rows.append({**numbers, "sound": np.array(sound)})
+    return MonteCarloRuns(where=where, rows={name: np.array([row[name] for row in rows]) for name in rows[0]})
+
+
+def limits(rig: Rig) -> tuple[Array, Array]:
+    """Lowest and highest value (p,) of the outputs that are states, by travel and validity."""
+    names = [item.name for item in rig.system.states]
+    low, high = np.full(len(rig.system.outputs), -np.inf), np.full(len(rig.system.outputs), np.inf)
+    for k, item in enumerate(rig.system.outputs):
+        for bounds in (rig.travel, rig.validity):
+            if item.name in names and bounds is not None:
+                state = names.index(item.name)
+                low[k], high[k] = max(low[k], bounds[0][state]), min(high[k], bounds[1][state])
+    return low, high
 
 
 def batches(count: int, size: int) -> Iterator[tuple[int, ...]]:

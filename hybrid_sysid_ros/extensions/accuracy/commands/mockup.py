@@ -16,13 +16,17 @@ from rich.table import Table
 
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import ClusterAddress, Json, RigPlace, Seed, console, print_table, status
-from hybrid_sysid_ros.extensions.accuracy.mockup import Found, Setup, mockup
+from hybrid_sysid_ros.extensions.accuracy.mockup import ShotPlan, mockup
 from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, batches
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
 from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import parameter_rows, write_mockup
+from hybrid_sysid_ros.extensions.accuracy.setup import Setup
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy
+from hybrid_sysid_ros.extensions.accuracy.verdict import Found
+from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.arrays import NamedArrays
 from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
@@ -30,6 +34,7 @@ from hybrid_sysid_ros.support.files import check_file, make_folder, written_file
 from hybrid_sysid_ros.support.parallel import Lost, Store, Workers, resumed, workers_for
 from hybrid_sysid_ros.support.progress import progress_bars
 
+WORDS = {True: "yes", False: "NO", None: "open"}
 BATCH = 5
 """Shots that a process fires at a time."""
 
@@ -50,6 +55,22 @@ def command(
     spread_off: Annotated[
         float, typer.Option(help="Declared: the simulated spread is off by a factor of e to this (one sigma).")
     ] = 0.3,
+    matters: Annotated[
+        float,
+        typer.Option(
+            help="Share of an error, a settling time or a path that a difference needs to matter.", min=0.001, max=10.0
+        ),
+    ] = 0.1,
+    fleet: Annotated[
+        bool, typer.Option("--fleet", help="Fire each shot with another plant of a series, in place of one vehicle.")
+    ] = False,
+    model: Annotated[
+        Path | None, typer.Option(help="Model of the real rig, in place of experiments and identification.")
+    ] = None,
+    live_bags: Annotated[
+        list[Path] | None,
+        typer.Option("--live-bags", help="Bag of a loop of the real rig, in place of a live shot; several times."),
+    ] = None,
     seed: Seed = 0,
     jobs: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
     cluster: ClusterAddress = "",
@@ -65,27 +86,34 @@ def command(
     place = out or Path("out") / f"mockup_{described.name}"
     discrepancy = Discrepancy(mean=mean_off, spread=spread_off)
     setup = Setup.of(described, seed)
+    if live_bags and model is None:
+        raise UserError(
+            "--live-bags are loops of the real rig: give the model that its records taught by --model FOLDER"
+        )
+    shooting = ShotPlan(
+        live=live,
+        simulated=simulated,
+        plants=plants,
+        discrepancy=discrepancy,
+        matters=matters,
+        fleet=fleet,
+        recorded=[LoopRecord.from_bag(bag, described) for bag in live_bags or []],
+        model=None if model is None else load_model(model, rig=described.source),
+    )
     report.check_available()
     for folder in (place, place / "shots"):
         make_folder(folder)
     for name in ("verdict.html", "verdict.json"):
         check_file(place / name)
-    fleet = Fleet(folder=place / "shots", jobs=jobs, cluster=cluster)
+    crew = Crew(folder=place / "shots", jobs=jobs, cluster=cluster)
     try:
-        found = mockup(
-            setup,
-            place,
-            fleet.fire,
-            {"live": live, "simulated": simulated, "plants": plants},
-            discrepancy,
-            status.print,
-        )
+        found = mockup(setup, place, crew.fire, shooting, console.print)
     except KeyboardInterrupt:
         raise Interrupted(f"what is done is in {place}; the same command goes on from there") from None
     content = _content(found)
     with written_file(place / "verdict.json") as partial:
         partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    source = report.provenance(found.models[setup.plan.structure], shlex.join(["hybrid-sysid", *sys.argv[1:]]))
+    source = report.provenance(found.model, shlex.join(["hybrid-sysid", *sys.argv[1:]]))
     write_mockup(place / "verdict.html", found, source)
     if as_json:
         console.print(json.dumps(content, indent=2))
@@ -95,7 +123,7 @@ def command(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fleet:
+class Crew:
     """Processes or a cluster that fire shots, and where these are kept."""
 
     folder: Path
@@ -106,14 +134,14 @@ class Fleet:
         """So many shots. Raises UserError where processes are lost again and again."""
         store: Store[NamedArrays] = Store(self.folder, json.dumps(where.content(), sort_keys=True, default=repr))
         items, found = list(batches(count, BATCH)), {}
-        with self._workers(where) as crew, progress_bars(status) as update:
-            for numbers_of, result, _ in resumed(crew, items, store=store, finish=True):
+        with self._workers(where) as workers, progress_bars(status) as update:
+            for numbers_of, result, _ in resumed(workers, items, store=store, finish=True):
                 if isinstance(result, Lost):
                     raise UserError(f"{name}: {result.reason}")
                 found[numbers_of] = result
                 update(name, min(BATCH * len(found), count), count)
         rows = {key: np.concatenate([found[item][key] for item in items]) for key in found[items[0]]}
-        return MonteCarloRuns(where=where, tracking_error=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
+        return MonteCarloRuns(where=where, rows=rows)
 
     def _workers(self, work: Callable[[tuple[int, ...]], NamedArrays]) -> Workers[tuple[int, ...], NamedArrays]:
         if self.cluster:
@@ -125,9 +153,32 @@ def _content(found: Found) -> dict[str, Any]:
     """Everything as plain data."""
     return {
         "rig": found.setup.rig.name,
-        "structure": found.setup.plan.structure,
-        "kept": all(line.kept for line in found.verdict),
+        "structure": found.model.structure,
+        "kept": found.fit,
+        "conclusion": found.conclusion,
+        "fleet": found.runs["live"].where.fleet,
         "verdict": [{"criterion": line.name, "kept": line.kept, "words": line.words} for line in found.verdict],
+        "compared": {
+            "prior" if name == "prior" else "model": {
+                of: [
+                    {
+                        "quantity": item.name,
+                        "unit": item.unit,
+                        "verdict": item.verdict.value,
+                        "simulated": item.simulated,
+                        "live": item.live,
+                        "difference": item.difference,
+                        "at_most": item.bound,
+                        "noticed": item.noticed,
+                        "share_of": item.size,
+                        "p": item.probability,
+                    }
+                    for item in items
+                ]
+                for of, items in compared.items()
+            }
+            for name, compared in found.compared.items()
+        },
         "parameters": list(parameter_rows(found)),
         "errors": {"of": found.ahead, **found.errors},
         "shots": {
@@ -154,7 +205,7 @@ def _content(found: Found) -> dict[str, Any]:
 
 
 def _table(found: Found) -> Table:
-    table = Table("", "kept", "", title=f"verdict on {found.setup.rig.name}")
+    table = Table("", "kept", "", title=f"{found.setup.rig.name}: {found.conclusion}")
     for line in found.verdict:
-        table.add_row(line.name, "yes" if line.kept else "NO", line.words)
+        table.add_row(line.name, WORDS[line.kept], line.words)
     return table

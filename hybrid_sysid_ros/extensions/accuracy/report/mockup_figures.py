@@ -6,8 +6,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.extensions.accuracy.mockup import Found
+from hybrid_sysid_ros.extensions.accuracy.verdict import Found
 from hybrid_sysid_ros.report.charts import INPUT, LINES, MEASURED, REFERENCE, dress, line, panels, scaled, timed, titled
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 POINTS = 400  # of a distribution at most
 
@@ -34,12 +35,13 @@ def tracking_errors(found: Found) -> go.Figure:
 def tracking(found: Found) -> go.Figure:
     """Each followed output with its reference, and the inputs with their bounds."""
     rig, loop = found.setup.rig, found.loop
+    references = loop.reference if isinstance(loop, LoopRecord) else loop.references
     followed = sorted({segment.output for segment in found.runs["live"].where.schedule.segments})
     weights = [0.5] * len(followed) + [0.34] * len(rig.actuators)
     figure = panels(heights=[weight / sum(weights) for weight in weights], height=round(460 * sum(weights)))
     for row, k in enumerate(followed, start=1):
         output, display = rig.system.outputs[k], rig.display[k]
-        reached, wanted = display.shown(loop.outputs[:, k]), display.shown(loop.references[:, k])
+        reached, wanted = display.shown(loop.outputs[:, k]), display.shown(references[:, k])
         line(figure, row, loop.time, reached, "reached", MEASURED, legend=row == 1)
         line(figure, row, loop.time, wanted, "reference", REFERENCE, width=1.4, legend=row == 1)
         scaled(figure, row, [reached, wanted], output.name, output, display)

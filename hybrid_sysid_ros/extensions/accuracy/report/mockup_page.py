@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.extensions.accuracy.mockup import Found
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
+from hybrid_sysid_ros.extensions.accuracy.verdict import Found
 from hybrid_sysid_ros.report.rendering import check_available, drawn, write_page
 from hybrid_sysid_ros.report.sections import Provenance
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 
 def write_mockup(path: Path | str, found: Found, provenance: Provenance) -> Path:
@@ -21,10 +22,11 @@ def write_mockup(path: Path | str, found: Found, provenance: Provenance) -> Path
     check_available()
     from hybrid_sysid_ros.extensions.accuracy.report import mockup_figures
 
-    kept = all(line.kept for line in found.verdict)
     content = {
-        "title": f"{found.setup.rig.name}: {'fit for use' if kept else 'not fit for use'}",
+        "title": f"{found.setup.rig.name}: {found.conclusion}",
         "found": found,
+        "compared": list(_compared(found)),
+        "recorded": isinstance(found.loop, LoopRecord),
         "errors": list(_errors(found)),
         "parameters": list(parameter_rows(found)),
         "rows": list(accuracy_rows(found.accuracy)),
@@ -42,7 +44,7 @@ def _errors(found: Found) -> Iterator[dict[str, Any]]:
         item.name: display.unit
         for item, display in zip(found.setup.rig.system.outputs, found.setup.rig.display, strict=True)
     }
-    first = next(iter(found.errors.values()))
+    first = next(iter(found.errors.values()), {})
     for record, outputs in first.items():
         for name in outputs:
             values = [found.errors[model][record][name] for model in found.models]
@@ -51,8 +53,9 @@ def _errors(found: Found) -> Iterator[dict[str, Any]]:
 
 def parameter_rows(found: Found) -> Iterator[dict[str, Any]]:
     """Each identified parameter beside what was known before and what the rig really is, None where that has none."""
-    model, prior = found.models[found.setup.plan.structure], found.models["prior"].system.named
-    errors, values, real = model.standard_errors, model.system.named, found.setup.reality.named
+    model, prior = found.model, found.models["prior"].system.named
+    errors, values = model.standard_errors, model.system.named
+    real = {} if isinstance(found.loop, LoopRecord) else found.setup.reality.named
     for item in model.system.parameters:
         if item.name in errors and item.name in prior:
             yield {
@@ -63,6 +66,14 @@ def parameter_rows(found: Found) -> Iterator[dict[str, Any]]:
                 "real": real.get(item.name),
                 "error": errors[item.name],
             }
+
+
+def _compared(found: Found) -> Iterator[dict[str, Any]]:
+    """Each quantity, with what the prior and the model say of it and the rig does."""
+    before = found.compared["prior"]
+    for of, items in found.compared["simulated"].items():
+        for item, prior in zip(items, before[of], strict=True):
+            yield {"of": of, "item": item, "prior": prior, "share": 100.0 / max(item.size, 1e-300)}
 
 
 def _tracked(found: Found) -> Iterator[dict[str, Any]]:

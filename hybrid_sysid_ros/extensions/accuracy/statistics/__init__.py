@@ -1,6 +1,14 @@
 """Accuracy from simulated and live shots: what a simulation told, as far as it is believed, and what shots tell."""
 
 from hybrid_sysid_ros.extensions.accuracy.statistics.assumptions import Assumptions, assumptions
+from hybrid_sysid_ros.extensions.accuracy.statistics.comparison import (
+    ShotComparison,
+    ShotQuantity,
+    Verdict,
+    compare,
+    needed,
+    overall,
+)
 from hybrid_sysid_ros.extensions.accuracy.statistics.discrepancy import Conflict, Discrepancy, conflict
 from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import (
     Accuracy,
@@ -23,14 +31,20 @@ __all__ = [
     "Conflict",
     "Discrepancy",
     "NormalInverseWishart",
+    "ShotComparison",
+    "ShotQuantity",
     "Shots",
     "Strata",
+    "Verdict",
     "assess",
     "assumptions",
+    "compare",
     "conflict",
     "estimate",
     "fewest",
     "mean_width",
+    "needed",
+    "overall",
     "read_shots",
     "shots_until",
     "spread_width",
