@@ -232,14 +232,19 @@ def test_a_network_drives_where_the_last_plan_a_step_from_it_and_its_own_plan_ag
         np.testing.assert_allclose(plan.inputs, expected, atol=1e-5)
 
 
-def test_while_a_network_drives_the_exact_mpc_follows_by_steps(case):
+@pytest.mark.parametrize("real_time", [False, True], ids=["converged", "real time"])
+def test_while_a_network_drives_the_exact_mpc_follows(case, real_time):
     """What it takes over with is its own plan, not the network's, which is off by less than is allowed."""
     law, instance = broken_policy(case), bad(next(instances(case, 1)))
     generous = TOLERANCES._replace(floor=1e9, patience=0, step=(2.0 * BROKEN_BY,))
-    supervisor = Supervisor(law, ExactMpc(case.system, case.problem), generous)
-    for status in (Status.SOLVED, Status.POLICY):
+    supervisor = Supervisor(law, ExactMpc(case.system, case.problem, real_time=real_time), generous)
+    alone, followed = ExactMpc(case.system, case.problem, real_time=real_time), supervisor.mpc.shooting.horizon
+    for status in (Status.SOLVED, Status.POLICY, Status.POLICY):
         assert supervisor.control(*instance).status is status
-        np.testing.assert_allclose(supervisor.mpc.shooting.horizon.inputs, case.plan(flat(instance)), atol=1e-5)
+        alone.control(*instance)
+        for each in (supervisor, alone):
+            each.prepare(0.5 * case.problem.period)
+        np.testing.assert_allclose(followed.inputs, alone.shooting.horizon.inputs, atol=1e-6)
 
 
 def test_answers_count_as_good_that_are_near_those_of_the_exact_mpc_beside_them(case):

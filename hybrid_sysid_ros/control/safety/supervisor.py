@@ -136,9 +136,10 @@ class Supervisor:
     several good answers in a row, so that layers don't chatter. The first plan is the exact MPC's, since a check
     against a bad plan is meaningless. The warm start has the same source as the check.
 
-    The last plan is the one that was applied, or where steps are made, what a step of the exact MPC makes of the last
-    plan while the network drives. The problem may have several local solutions: so the exact MPC takes over with the
-    one that it has followed, not with the one that the network happens to be near.
+    The last plan is the one that was applied, or where steps are made, the exact MPC's own: while the network drives,
+    it solves each instance in :meth:`prepare`, after the input was sent, and in real time the step is its plan. The
+    problem may have several local solutions: so the exact MPC takes over with the one that it has followed, not with
+    the one that the network happens to be near.
 
     layers, reasons: how often each layer answered, and each result of the check, since the start.
     """
@@ -176,14 +177,21 @@ class Supervisor:
         self.mpc.reset()
         self.policy.reset()
         self._age, self._waiting = 0.0, 0
+        self._unsolved = False
 
     def prepare(self, elapsed: float) -> None:
-        """Shift the last plan by the time until the next call [s]."""
+        """Shift the last plan by the time until the next call [s]; where the network drives with steps, the exact MPC
+        makes that plan first.
+        """
         self._age += elapsed
+        if self._unsolved:
+            self.mpc.control(*self._instance)
+            self._unsolved = False
         self.mpc.prepare(elapsed)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
+        self._unsolved = False
         reason = self.reason = self.check(state, disturbance, previous_input, preview)
         if reason == ACCEPTED:
             self._age = 0.0
@@ -226,16 +234,16 @@ class Supervisor:
     def _stepped(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
         """IMPROVED unless the last plan, one step of the exact MPC from it, and the network agree in first inputs.
 
-        Where they do, the step is the last plan from now on; it is near the solution that the exact MPC has followed,
-        and so is the network. Elsewhere the exact MPC begins with the last plan as it was.
+        The last plan stays as it was, but for one in real time that they agree with: this step is all there is.
         """
         horizon = self.mpc.shooting.horizon
         inputs, states, under = horizon.inputs.copy(), horizon.states.copy(), horizon.disturbance.copy()
         first = self.mpc.step(state, disturbance, previous_input, preview)
-        if first is not None and self._near(first, inputs[0]) and self._near(first, self._inputs[0]):
-            return ACCEPTED
-        self.mpc.adopt(under, inputs, states)
-        return IMPROVED
+        near = first is not None and self._near(first, inputs[0]) and self._near(first, self._inputs[0])
+        if not (near and self.mpc.real_time):
+            self.mpc.adopt(under, inputs, states)
+            self._unsolved = near
+        return ACCEPTED if near else IMPROVED
 
     def _near(self, one: Array, other: Array) -> bool:
         """Whether inputs (m,) differ by no more than the tolerance of a step."""
