@@ -71,6 +71,8 @@ class EstimatorAdapter:
         self.camera = Slots([layout.outputs[0].ending(f"_{CAMERA}")])
         self.given = np.zeros(len(self.measured))
         self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
+        self.inputs, self.commanded = Slots(layout.inputs, bounds=bounds), np.full(len(bounds), math.nan)
+        """Of commands, the newest one of which (m,) acts where a measurement does not say what does; NaN: unknown."""
         self.estimator = estimator_of(rig, system, settings)
         self._further = layout.further
         self._kept = round(WINDOW * settings["rate"])
@@ -95,7 +97,8 @@ class EstimatorAdapter:
 
     def update(self, time: float) -> StateEstimate:
         """Estimate with ``given`` at a time [s]. Raises UserError where there is no reading yet."""
-        return self.estimator.update(time, self.outputs, self.applied)
+        applied = np.where(np.isnan(self.applied), self.commanded, self.applied)
+        return self.estimator.update(time, self.outputs, applied)
 
     def pack(self, estimate: StateEstimate, stamp: int, *, blind: bool) -> bytes:
         """The message of an estimate with its stamp [ns]; blind: it is a guess that must not be used for control."""

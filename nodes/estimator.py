@@ -40,13 +40,14 @@ class EstimatorNode(RigNode):
     act: its position, its velocity, and the disturbance of its input as effort. Other states (link states, deflections,
     hidden units, lags), outputs that are no motion of a joint, and followed parameters have entries of their own names,
     with their values as position. The node advertises state_estimate once a publisher of measurements is there.
+    Inputs that a driver does not report are those of the newest command, to which the node then listens.
     camera/joint_states holds NAME_camera, a second sensor of the first output. It corrects the estimate at its own
     stamp and is not answered, unless a measurement waits for a first reading to begin with.
     """
 
     NAME = "estimator"
     PUBLISHES = ("state_estimate", "state_covariance")
-    SUBSCRIBES = ("joint_states", "camera/joint_states")
+    SUBSCRIBES = ("joint_states", "camera/joint_states", "joint_command")
 
     def configure(self) -> None:
         self.use(self.adapter_of(self.settings))
@@ -91,7 +92,7 @@ class EstimatorNode(RigNode):
         self.execution = Timing()
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
-        self.entry = self.validator("joint_states")
+        self.entry, self.listening = self.validator("joint_states"), False
         if self.adapter.estimator.tuning.channels:
             self.frames = self.validator("camera/joint_states")
             self.listen(self.frames, "camera/joint_states", self.on_camera)
@@ -111,6 +112,21 @@ class EstimatorNode(RigNode):
         given = self.entry.read(joints, self.adapter.measured, optional=len(self.adapter.applied))
         if given is not None and (order := self.entry.admit(joints)) is not None:
             self.answer(given, joints.stamp, order, began)
+            if not self.listening and any(map(math.isnan, self.adapter.applied.tolist())):
+                self.listening = True
+                self.soon(self.listen_to_commands)
+
+    def listen_to_commands(self) -> None:
+        """Let commands stand for the inputs that a driver does not report."""
+        commands = self.validator("joint_command")
+
+        def on_command(joints: JointStates) -> None:
+            inputs = commands.read(joints, self.adapter.inputs)
+            if inputs is not None and commands.accepts_source(joints.source) and all(map(math.isfinite, inputs)):
+                commands.select_source(joints.source)
+                self.adapter.commanded[:] = inputs
+
+        self.listen(commands, "joint_command", on_command)
 
     def answer(self, given: list[float], stamp: int, order: StampOrder, began: float) -> None:
         """Answer outputs and inputs of a measurement; stamp [ns], began: time of its arrival [s]."""

@@ -125,6 +125,19 @@ def test_an_effort_that_is_not_known_is_no_fault(bench: Bench, model_folder: Pat
     assert clients.estimator.adapter.estimator.filter.counters.unknown_inputs == 20
 
 
+def test_a_command_stands_for_an_effort_that_is_not_known(bench: Bench, model_folder: Path) -> None:
+    clients, commands = Clients(bench, model_folder), bench.speak("joint_command")
+    clients.estimate(0.01, effort=[])
+    bench.until(commands.get_subscription_count)
+    commands.publish(joint(clients.stamp, name=["beam"], position=[], effort=[1.0]))
+    bench.until(lambda: clients.estimator.adapter.commanded[0] == 1.0)
+    counters = clients.estimator.adapter.estimator.filter.counters
+    unknown = counters.unknown_inputs
+    answer = clients.estimate(0.01, effort=[])
+    assert counters.unknown_inputs == unknown
+    assert math.isnan(answer.effort[list(answer.name).index("beam_applied")]), "what acts is still not known"
+
+
 def test_a_first_measurement_that_is_no_number_is_not_answered(bench: Bench, model_folder: Path) -> None:
     clients = Clients(bench, model_folder)
     clients.measure(math.nan)
