@@ -104,17 +104,14 @@ class PlantNode(RigNode):
         return {"reset": self.reset, "enable": self.hand.release}
 
     def reset(self) -> None:
-        """Start the rig again from its initial state: in real time at once; where others wait for its measurements or
-        frames, in a loop that comes together anew.
-        """
-        if self.lockstep or self.frames is not None or not self.started:
+        """Start the rig again from its initial state, in real time without a pause."""
+        if self.lockstep or self.frames is not None or not self.started:  # others wait for its measurements
             self.soon(self.again)
-            return
-        self.begin()
-        self.start()
+        else:
+            self.begin()
+            self.start()
 
     def again(self) -> None:
-        """Leave the loop and join it again, from the rig's initial state."""
         self._leave()
         self.begin()
         self.activate()
@@ -286,11 +283,8 @@ class PlantNode(RigNode):
         """
         period = SECOND / self.settings["camera_rate"]
         newest = stamp - round(self.settings["camera_latency"] * SECOND)
-        return (
-            round(LOCKSTEP_START + ((newest - LOCKSTEP_START) // period - 0.5) * period)
-            if newest >= LOCKSTEP_START
-            else -1
-        )
+        due = round(LOCKSTEP_START + ((newest - LOCKSTEP_START) // period - 0.5) * period)
+        return due if newest >= LOCKSTEP_START else -1
 
     def on_frame(self, joints: JointStates) -> None:
         """Note that a frame was read."""
