@@ -111,7 +111,7 @@ class ControllerNode(RigNode):
             "reset": self.reset,
             "arm": lambda: self.operation.arm(unready(self)),
             "disarm": lambda: self.operation.disarm(),
-            "estop": partial(self.emergency_stop, "the service estop, which a stop by hand calls, too"),
+            "estop": partial(self.emergency_stop, "the service estop or a stop by hand"),
         }
 
     def forget(self) -> None:
