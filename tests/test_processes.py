@@ -329,6 +329,16 @@ def test_what_a_killed_node_has_said_before_is_not_the_reason(domain: int) -> No
             session.wait_for("ready", ["plant"], TIMEOUT)
 
 
+def test_a_short_reference_may_end_before_a_late_node_is_ready(domain: int) -> None:
+    """The plant starts once its own readers are there, a view may take longer."""
+    late = "import time; time.sleep(1); print('ready', flush=True); time.sleep(60)"
+    with Session("cam_beam", domain=domain, tell=lambda line: None) as session:
+        session.start("reference", [sys.executable, "-c", "print('ready', flush=True)"])
+        session.start("view", [sys.executable, "-c", late])
+        session.wait_for("ready", ["reference", "view"], TIMEOUT)
+        session.wait_for_end(["reference"], lambda seconds: None)
+
+
 def test_a_node_that_dies_again_and_again_is_given_up(domain: int) -> None:
     def kill(seconds: float, duration: float) -> None:
         if found := _process("reference", domain):

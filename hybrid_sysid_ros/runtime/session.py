@@ -142,14 +142,15 @@ class Session:
             child.listeners[-1].start()
 
     def wait_for(self, word: str, nodes: Sequence[str], timeout: float) -> None:
-        """Wait until each of the nodes has said a word ("ready", "started"). Raises UserError where any node ended, or
-        the time is over.
+        """Wait until each of the nodes has said a word ("ready", "started"). Raises UserError where time is over or
+        any node ended, but for one that was ready and has done its work, such as a short reference.
         """
         end = time.monotonic() + timeout
         while waiting := [node for node in nodes if word not in self.children[node].words]:
             self._receive(TICK)
             for child in list(self.children.values()):
-                self._check(child)
+                if not self._has_done_its_work(child):
+                    self._check(child)
             if time.monotonic() > end:
                 raise UserError(f"{', '.join(waiting)} not {word} after {timeout:g} s: is the machine overloaded?")
 
@@ -209,6 +210,12 @@ class Session:
             status = child.process.poll()
             if status is None or status > 0 or status == -signal.SIGKILL:
                 raise self._failure(child)
+
+    def _has_done_its_work(self, child: Child) -> bool:
+        if child.process.poll() != 0:
+            return False
+        self._receive_last(child)
+        return "ready" in child.words
 
     def _check(self, child: Child) -> None:
         if child.process.poll() is None:
