@@ -62,10 +62,10 @@ class Example:
     adversarial: bool
 
 
-def examples() -> list[Example]:
-    """Those of sentences.txt."""
+def examples(name: str = "sentences.txt") -> list[Example]:
+    """Those of a file."""
     found = []
-    for line in (Path(__file__).with_name("sentences.txt")).read_text(encoding="utf-8").splitlines():
+    for line in Path(__file__).with_name(name).read_text(encoding="utf-8").splitlines():
         if line and not line.startswith("#"):
             rig, text, *right = (part.strip() for part in line.split(" | "))
             outcomes = tuple(each.strip() for part in right for each in part.split("|"))
@@ -252,15 +252,18 @@ def random_texts(count: int, seed: int) -> dict[str, int]:
 
 def measured(*, count: int = 100_000, seed: int = 0) -> tuple[Mapping[str, Any], list[Row]]:
     """All sentences, and random texts."""
-    said = examples()
-    found = judged(said)
     random = random_texts(count, seed)
+    found: dict[str, Any] = {"random": random}
     rows = [
-        Row("sentences that move the rig otherwise than said", 0, len(found["wrong"]), at_most=True),
-        Row("share of the sensible that is done", DONE, found["sensible done"] / found["sensible"]),
-        Row("share of refusals that name the way in", CLEAR, found["refusals with a way in"] / found["refusals"]),
-        Row("share of stops that stop", STOPPED, found["stops that stop"] / found["stops"]),
         Row("random texts beyond the limits", 0, random["beyond"], at_most=True),
         Row("tracebacks of random texts", 0, random["tracebacks"], at_most=True),
     ]
-    return {**found, "random": random}, rows
+    for name in ("sentences", "kept_sentences"):
+        found[name] = one = judged(examples(f"{name}.txt"))
+        rows += [
+            Row(f"{name}: moved otherwise than said", 0, len(one["wrong"]), at_most=True),
+            Row(f"{name}: share of the sensible that is done", DONE, one["sensible done"] / one["sensible"]),
+            Row(f"{name}: share of refusals with a way in", CLEAR, one["refusals with a way in"] / one["refusals"]),
+            Row(f"{name}: share of stops that stop", STOPPED, one["stops that stop"] / one["stops"]),
+        ]
+    return found, rows

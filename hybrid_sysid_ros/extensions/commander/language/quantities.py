@@ -192,7 +192,7 @@ class QuantityReader:
         if token.kind not in ("word", "unit"):
             return None
         symbol = token.text in self.vocabulary.units and (not token.text.islower() or token.text not in "aeo")
-        if token.kind == "word" and self.words[k] in self.lexicon.words and not symbol:
+        if token.kind == "word" and (self.words[k],) in self.lexicon.meanings and not symbol:
             return None
         return self.unit(token.text)
 
