@@ -135,7 +135,7 @@ def test_a_bag_whose_input_no_actuator_gives_gets_one_line_by_every_command(comm
     refused(command("evaluate", shipped(WHEEL, "model"), bag), *words)
 
 
-def test_a_bag_in_another_unit_is_told_by_evaluate_and_after_a_fit_that_says_nothing(command, tmp_path):
+def test_a_bag_in_another_unit_is_told_by_evaluate_and_before_a_fit(command, tmp_path):
     model, bag = shipped(WHEEL, "model"), written(tmp_path / "rpm", record_of(WHEEL, outputs=RPM))
     status, out, error = command("evaluate", model, bag, "--json")
     assert status == 0, error
@@ -143,7 +143,8 @@ def test_a_bag_in_another_unit_is_told_by_evaluate_and_after_a_fit_that_says_not
     assert "is it in rad/s?" in error
     assert "rpm" in json.loads(out)["records"]
     bag = written(tmp_path / "share", record_of(WHEEL, torque=1.0 / 255.0))
-    status, out, error = command("identify", bag, *FIT, "--out", tmp_path / "model")
+    refused(command("identify", bag, *FIT, "--out", tmp_path / "model"), "no excitation", "another unit")
+    status, out, error = command("identify", bag, *FIT, "--out", tmp_path / "model", "--anyway")
     assert status == 0, error
     assert "doubt: over share, which it was fitted to, R2 of its run is 0.0" in out
 

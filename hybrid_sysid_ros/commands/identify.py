@@ -15,7 +15,7 @@ from rich.table import Table
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
-from hybrid_sysid_ros.commands.records import read_records
+from hybrid_sysid_ros.commands.records import check_records, read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
@@ -55,6 +55,9 @@ def command(
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
     overwrite: terminal.Overwrite = False,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Fit also to records from which nothing can be learned.")
+    ] = False,
     as_json: terminal.Json = False,
 ) -> None:
     """Identify a model from bags."""
@@ -67,6 +70,7 @@ def command(
     described = load_rig(rig)
     sampling = terminal.sampling_of(described, step, period, input_handling)
     records = read_records(bag, rig, signals, recover, read_period, sampling)
+    check_records(records, described, anyway=anyway)
     with status.status("compiling") as spinner:
 
         def progress(stage: str, evaluations: int, error: float) -> None:

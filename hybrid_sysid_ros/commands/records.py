@@ -9,8 +9,10 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.terminal import status
 from hybrid_sysid_ros.library.records import checked_bag
 from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extensions import provided
 
 
 def read_records(
@@ -47,3 +49,18 @@ def read_records(
         )
         for path in paths
     ]
+
+
+def check_records(records: list[Record], rig: Rig, *, anyway: bool) -> None:
+    """Print the costliest fault of each record, as the extensions that check records find them. Raises UserError for a
+    record to which a fit would be worth nothing, unless it is to be fitted anyway.
+    """
+    for check in provided("record_checks").values():
+        for record in records:
+            found = check(record, rig)
+            if found and found[0].blocks and not anyway:
+                raise UserError(
+                    f"{record.source or record.name}: {found[0]}; a fit would be worth nothing (--anyway fits)"
+                )
+            if found:
+                status.print(f"doubt: {record.name}: {found[0]}")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
-from hybrid_sysid_ros.extensions.record_check.response import response_findings
+from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held, response_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
 from hybrid_sysid_ros.rigs.rig import Rig
 
@@ -26,7 +28,16 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     found += _whole(record, signals)
     if not any(item.cost >= 1.0 for item in found):
         found += response_findings(record, rig, signals)
+        found = [item for item in (_of_held_input(item, record, rig, signals) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
+
+
+def _of_held_input(item: RecordFinding, record: Record, rig: Rig, signals: list[CheckedSignal]) -> RecordFinding | None:
+    """A held input is no fault where the outputs answer it at its times; where nobody can tell, it is a remark."""
+    if item.kind != "held" or not any(item.words.startswith(f"{one.name} ") for one in signals if one.is_input):
+        return item
+    acts = input_acts_as_held(record, rig, item.samples)
+    return None if acts else item if acts is False else replace(item, cost=0.2)
 
 
 def signals_of(record: Record, rig: Rig) -> list[CheckedSignal]:

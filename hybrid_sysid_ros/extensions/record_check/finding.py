@@ -19,6 +19,8 @@ class RecordFinding:
     words: str
     """What was seen, where."""
     cure: str
+    samples: int = 0
+    """Of a held signal, the samples between its changes."""
 
     @property
     def blocks(self) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import coherence, welch
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import rollouts
@@ -27,6 +28,9 @@ which the scale is wrong whatever the correlation."""
 LONGEST_LAG = 0.4
 """Longest delay that is looked for [s], or as many steps as the signal needs for a change, where that is more."""
 STEP = 0.005
+COHERENT = 0.35
+"""Coherence below which an output hardly follows the inputs, whatever the rig's parameters are. A fit is not blocked,
+since a law that folds, such as an absolute speed, shows none either."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,12 +122,38 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
         longest = int(min(max(LONGEST_LAG / period, 8 * apart), record.samples // 6))
         good = ~signal.spoilt
         found = aligned(signal.values, expected[:, k], good, apart, longest)
-        yield from _judged(signal, found, expected[:, k], good, apart, longest, period)
+        yield from _judged(
+            signal, _coherence(record, signal.values), found, expected[:, k], good, apart, longest, period
+        )
+
+
+def input_acts_as_held(record: Record, rig: Rig, every: int) -> bool | None:
+    """Whether the outputs answer a held input at its times; None where the rig's physics can't tell."""
+    expected = expected_outputs(record, rig)
+    for k, measured in enumerate(record.output.T if expected is not None else ()):
+        assert expected is not None
+        apart = time_of_change(expected[:, k])
+        found = aligned(measured, expected[:, k], np.ones(record.samples, dtype=bool), apart, 8 * apart + every)
+        if found.correlation > CLEAR:
+            return bool(abs(found.lag) < max(0.2 * every, 1.0))
+    return None
+
+
+def _coherence(record: Record, output: Array) -> float:
+    """Coherence of an output with the inputs, weighted by their power: the largest of all inputs."""
+    length = int(np.clip(record.samples // 8, 16, 1024))
+    found = [0.0]
+    for values in record.input.T:
+        if np.ptp(values) > 0.0:
+            _, power = welch(np.diff(values), nperseg=length)
+            _, shared = coherence(np.diff(values), np.diff(output), nperseg=length)
+            found.append(float(np.nansum(shared * power) / max(power.sum(), 1e-300)))
+    return max(found)
 
 
 def _judged(
-    signal: CheckedSignal, found: Alignment, expected: Array, good: NDArray[np.bool_], apart: int, longest: int,
-    period: float,
+    signal: CheckedSignal, coherent: float, found: Alignment, expected: Array, good: NDArray[np.bool_], apart: int,
+    longest: int, period: float,
 ) -> Iterator[RecordFinding]:  # fmt: skip
     late = found.lag * period
     drift = _drift(signal, expected, good, apart, longest)
@@ -137,7 +167,7 @@ def _judged(
     ratio = float(np.std(changes(signal.values, apart)) / max(np.std(changes(expected, apart)), 1e-300))
     if abs(found.correlation) < CLEAR and ratio > BEYOND and not signal.explained:
         yield RecordFinding(
-            kind="scale", cost=0.82,
+            kind="scale", cost=0.78,
             words=f"{signal.name} moves {ratio:.3g} times as far as the rig's physics make of these inputs",
             cure="correct the scale or unit of the input or the sensor (import.yaml, --signals)",
         )  # fmt: skip
@@ -146,10 +176,10 @@ def _judged(
         return
     if abs(found.correlation) < RELATED:
         yield RecordFinding(
-            kind="no relation", cost=0.95,
-            words=f"{signal.name} does not follow the inputs (correlation {found.correlation:.2f} with what the rig's "
-            "physics make of them)",
-            cure="is it the right column, and of the same experiment? compare its plot with the input's",
+            kind="no relation", cost=0.79 if coherent < COHERENT else 0.7,
+            words=f"{signal.name} does not follow the inputs as the rig's physics say (correlation "
+            f"{found.correlation:.2f}, coherence with the inputs {coherent:.2f})",
+            cure="is it the right column, of the same experiment? or are the rig's parameters far off?",
         )  # fmt: skip
         return
     if abs(found.correlation) < CLEAR:
@@ -162,7 +192,7 @@ def _judged(
         )  # fmt: skip
         return
     least = max(2.2 * period, 0.012 if period < 0.012 else 0.0, 0.12 * apart * period)
-    if abs(late) > least:
+    if abs(late) > least and found.correlation > 0.75:
         way = "later" if late > 0 else "earlier"
         yield RecordFinding(
             kind="delay", cost=min(0.79, 0.5 + 0.3 * abs(found.lag) / (10 * apart)),
@@ -225,8 +255,10 @@ def _frozen(signal: CheckedSignal, expected: Array) -> Iterator[RecordFinding]:
         for start, size in found:
             signal.spoilt[start : start + size] = True
         lost = sum(size for _, size in found)
+        value = signal.values[found[0][0]]
+        at_end = min(abs(value - signal.values.max()), abs(value - signal.values.min())) <= 1e-6 * signal.span
         yield RecordFinding(
-            kind="frozen", cost=min(0.79, 0.55 + 0.5 * lost / len(expected)),
+            kind="clipped" if at_end else "frozen", cost=min(0.79, 0.55 + 0.5 * lost / len(expected)),
             words=f"{signal.name} stays at {signal.values[found[0][0]]:.4g} {signal.unit} for "
             f"{max(size for _, size in found) * signal.period:.3g} s from {signal.at(found[0][0])} on, "
             f"{lost / len(expected):.1%} of the record, while the inputs drive it on",

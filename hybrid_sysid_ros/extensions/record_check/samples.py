@@ -126,7 +126,7 @@ def _held(signal: CheckedSignal) -> Iterator[RecordFinding]:
         dense = len(changes) * k / (changes[-1] - changes[0] + 1)
         if regular > 0.95 and dense > 0.55:
             yield RecordFinding(
-                kind="held", cost=0.6,
+                kind="held", cost=0.6, samples=k,
                 words=f"{signal.name} changes only every {k} samples, {1 / (k * signal.period):.4g} times a second",
                 cure="record it at the rate of the others; if it was applied so, go on",
             )  # fmt: skip
@@ -138,7 +138,7 @@ def _spikes(signal: CheckedSignal) -> Iterator[RecordFinding]:
     y = signal.values
     away = np.abs(y - median_filter(y, 7, mode="nearest"))
     usual = float(np.percentile(away, 95))
-    least = max(0.05 * float(np.ptp(np.percentile(y, [1, 99]))), 4.0 * max(signal.count, signal.resolution()))
+    least = max(0.2 * float(np.ptp(np.percentile(y, [1, 99]))), 4.0 * max(signal.count, signal.resolution()))
     far = away > max(6.0 * usual, least, 8.0 * signal.noise)
     first, length = runs_of(far)
     back = np.abs(y[np.minimum(first + length, len(y) - 1)] - y[np.maximum(first - 1, 0)])

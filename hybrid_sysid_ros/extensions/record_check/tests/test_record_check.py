@@ -8,12 +8,14 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import joint_states, write_bag
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
+from tests.command_line import refused
 
 ROOT = Path(__file__).parents[4]
 
@@ -49,6 +51,7 @@ def test_each_fault_is_named_first():
     slow = np.interp(1.006 * t, t, y[:, 0])[:, None]
     measured = random.uniform(size=len(y)) > 0.05
     assert first(-y) == first(inputs=-u) == "sign"
+    assert findings_of(replace(r, output=-y), hs.load_rig(RIG))[0].blocks
     assert first(2.0 * y) == first(0.5 * y) == "scale"
     assert first(late) == "delay"
     assert first(slow) == "clock drift"
@@ -62,16 +65,28 @@ def test_each_fault_is_named_first():
     assert first(y.std() * random.normal(size=y.shape)) in ("no relation", "noise")
 
 
-def test_the_command_says_what_to_do_and_its_status_tells_scripts(call, tmp_path):
-    check, r = partial(call, app.main, "hybrid-sysid", "check-record", "--rig", RIG), record()
+@pytest.fixture
+def turned(tmp_path) -> str:
+    """A bag whose sensor counts the other way round."""
+    r = record()
+    stamps = np.int64(1e9) + np.round(1e9 * r.time).astype(np.int64)
+    effort = np.roll(r.input, 1, axis=0)
+    wheel = joint_states(f"/{RIG}/joint_states", stamps, ["wheel"], velocity=-r.output, effort=effort)
+    return str(write_bag(tmp_path / "turned", [wheel]))
+
+
+def test_the_command_says_what_to_do_and_its_status_tells_scripts(call, turned):
+    check = partial(call, app.main, "hybrid-sysid", "check-record", "--rig", RIG)
     status, out, _ = check(str(ROOT / "bags" / "wheel_motor_multisine"))
     assert (status, "no fault" in out) == (0, True)
-    stamps = np.int64(1e9) + np.round(1e9 * r.time).astype(np.int64)
-    wheel = joint_states(
-        f"/{RIG}/joint_states", stamps, ["wheel"], velocity=-r.output, effort=np.roll(r.input, 1, axis=0)
-    )
-    write_bag(tmp_path / "turned", [wheel])
-    status, out, _ = check(str(tmp_path / "turned"))
+    status, out, _ = check(turned)
     assert status == 1
     assert "worth nothing before this is cured: sign" in out
-    assert json.loads(check(str(tmp_path / "turned"), "--json")[1])[str(tmp_path / "turned")][0]["kind"] == "sign"
+    assert json.loads(check(turned, "--json")[1])[turned][0]["kind"] == "sign"
+
+
+def test_identify_refuses_what_is_worth_nothing_unless_it_is_wanted_anyway(call, turned, tmp_path):
+    options = ("--rig", RIG, "--out", str(tmp_path / "m"), "--structure", "gray", "--part", "0:0.3")
+    fit = partial(call, app.main, "hybrid-sysid", "identify", turned, *options)
+    refused(fit(), "sign", "--anyway")
+    assert fit("--anyway")[0] == 0
