@@ -13,10 +13,11 @@ from rclpy.timer import Timer
 
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import JointWriter
-from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
+from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.joint_motion import JointMotion
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates
+from hybrid_sysid_ros.nodes.plant_health import loop_task
 from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.nodes.stop_by_hand import StopByHand
@@ -29,8 +30,6 @@ EARLY = 0.1  # periods that a timer may be early; late ones never reach into the
 START_DELAY = 0.5  # s from the discovery of all peers to the start, since they may not know each other yet
 READER_PATIENCE = 0.5  # s, with further readers where there is a loop
 CAMERA_PATIENCE = 0.5  # s, with a camera that does not show the rig
-FAULTS = ("bias", "sensor_out", "brake", "command_delay")
-"""Parameters that simulate faults of the rig."""
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
 
 
@@ -312,44 +311,7 @@ class PlantNode(RigNode):
             self.publish()
 
     def health(self) -> Sequence[Task]:
-        answers, drive = self.answers, self.drive
-        if answers.latest < 0:
-            waiting = "waiting for a controller on joint_command and readers of joint_states"
-            return [Task(name="loop", level=WARN, message=waiting)]
-        troubles = {
-            "measurements without an answer": answers.missed,
-            "measurements left out": self.overruns,
-            "commands that answer nothing": self.rejected,
-            "stops by hand": self.hand.count,
-            "commands after a stop by hand": self.hand.disobeyed,
-            "times at rest for want of commands": drive.timeouts,
-            "steps at the end of the travel": self.plant.stopped,
-            "times the clock was set": self.timeline.sets,
-            **{f"commands {reason}": count for reason, count in self.dropped("joint_command").items()},
-        }
-        values = {
-            "measurements": answers.latest + 1 - self.overruns,
-            "measurement_rate_hz": answers.latest / max(self.time, 1e-9),
-            "commands": answers.commands,
-            "missed_commands": answers.missed,
-            "last_missed": answers.last_missed,
-            "rejected_commands": self.rejected + sum(self.entry.dropped.values()),
-            "direct_commands": self.direct,
-            "stops": self.stops,
-            "stops_by_hand": self.hand.count,
-            "stopped_by_hand": self.hand.latched,
-            "disobeyed_commands": self.hand.disobeyed,
-            "steps_at_travel_end": self.plant.stopped,
-            "command_timeouts": drive.timeouts,
-            "saturated_commands": drive.saturated,
-            "overruns": self.overruns,
-            "repeated_measurements": self.repeated,
-            **{fault: self.settings[fault] for fault in FAULTS},
-            **answers.delay.report("delay"),
-            **self.lateness.report("timer_lateness"),
-        }
-        task = self.judged("loop", troubles, answers.latest + 1, **values)
-        return [self.hand.noted(self.silent(task, "joint_command"))]
+        return [loop_task(self)]
 
 
 main = partial(run, PlantNode)
