@@ -9,13 +9,13 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.meaning import words
+from benchmarks.meaning import mockup, shots, words
 from benchmarks.meaning.rows import Row
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.support.errors import UserError
 
 Part = Callable[[], tuple[Mapping[str, Any], list[Row]]]
-PARTS: Mapping[str, Part] = {"words": words.measured}
+PARTS: Mapping[str, Part] = {"words": words.measured, "shots": shots.measured, "mockup": mockup.measured}
 
 
 def main() -> int:

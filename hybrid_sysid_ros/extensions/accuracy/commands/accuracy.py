@@ -145,7 +145,7 @@ def _content(found: Accuracy, wanted: list[dict[str, Any]], strata: Strata | Non
         "level": found.level,
         "shots": {"simulated": len(found.simulated.values), "live": len(found.live.values)},
         "declared": asdict(found.discrepancy),
-        "simulation_counts_as": {"mean": found.prior.strength, "spread": found.prior.degrees},
+        "simulation_counts_as": {"mean": found.prior.strength, "spread": found.prior.marginal_degrees},
         **{key: _estimate(getattr(found, key), names) for key in ("joint", "live_only", "simulated_only")},
         "conflict": {
             "offset": dict(zip(names, conflict.offset.tolist(), strict=True)),
@@ -194,7 +194,7 @@ def _show(found: Accuracy, content: dict[str, Any]) -> None:
     console.print(
         f"declared: mean off by {declared.mean:g} standard deviations, spread by a factor of "
         f"{math.exp(declared.spread):.3g}; so the simulation counts as {prior.strength:.3g} live shots for the mean, "
-        f"{prior.degrees:.3g} for the spread"
+        f"{prior.marginal_degrees:.3g} for the spread"
     )
     title = "conflict with what was declared"
     differs = Table("live against simulated", "mean off by [sd]", "spread ratio", title=title)

@@ -44,13 +44,13 @@ class Discrepancy:
         """What simulated shots tell of live ones: the prior of these.
 
         The declared prior, live sigma = exp(t) simulated sigma with t ~ N(0, tau_s^2), is no inverse Wishart. The
-        nearest one by the divergence of Kullback and Leibler has its means of log sigma^2 and of 1 / sigma^2. With f
+        nearest one by the divergence of Kullback and Leibler has its means of log sigma^2 and of 1 / sigma^2. With f0
         marginal degrees of freedom, L(x) = log x - digamma(x) and S0 the scatter matrix of the n0 simulated shots:
 
-            L(f0 / 2) = L((n0 - d) / 2) + 2 tau_s^2,   nu0 = f0 + d - 1
-            Psi0 = S0 exp(-2 tau_s^2) f0 / (n0 - d),   k0 = 1 / (1 / n0 + tau_b^2)
+            L(f0 / 2) = L((n0 - 1) / 2) + 2 tau_s^2,   nu0 = f0 + d - 1
+            Psi0 = S0 exp(-2 tau_s^2) f0 / (n0 - 1),   k0 = 1 / (1 / n0 + tau_b^2)
         """
-        free, wider = simulated.marginal_degrees, 2.0 * self.spread**2
+        free, wider = simulated.of_each_alone.marginal_degrees, 2.0 * self.spread**2
         weaker = _degrees(_excess(free) + wider) if wider else free
         return NormalInverseWishart(
             centre=simulated.centre,
@@ -84,17 +84,18 @@ class Conflict:
     """p-value of the covariances."""
 
 
-def conflict(prior: NormalInverseWishart, live: Array, generator: np.random.Generator) -> Conflict:
+def conflict(prior: NormalInverseWishart, live: Array, generator: np.random.Generator, *, simulated: Array) -> Conflict:
     """Compare live shots (n, d) with their prior. Both tests are exact under the prior predictive distribution (Box
     1980, J. R. Stat. Soc. A 143); without a declared discrepancy they are the two-sample tests of Hotelling and Box.
 
-    With W = Psi0 + S, f = nu0 + n - d:  (y - m0)' W^-1 (y - m0) f / (d (1/k0 + 1/n)) ~ F(d, f).
+    simulated: standard deviations (d,).
+
+    With W = Psi0 + S, f = f0 + n - d:  (y - m0)' W^-1 (y - m0) f / (d (1/k0 + 1/n)) ~ F(d, f).
     The covariances by Box's M of Psi0 and S, whose distribution is drawn, two-sided.
     """
     count, d = live.shape
     own = NormalInverseWishart.reference(d).updated(live)
-    offset, free = own.centre - prior.centre, prior.degrees + count - d
-    simulated = np.sqrt(np.diagonal(prior.scale) / prior.degrees)
+    offset, free = own.centre - prior.centre, prior.marginal_degrees + count - d
     squares = float(offset @ np.linalg.solve(prior.scale + own.scale, offset))
     shots = prior.strength * count / (prior.strength + count)
     return Conflict(

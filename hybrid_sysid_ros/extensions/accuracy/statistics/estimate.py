@@ -183,6 +183,6 @@ def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: fl
         joint=summary(prior.updated(live.values)),
         live_only=summary(nothing.updated(live.values), alone=True),
         simulated_only=summary(known, alone=True),
-        conflict=conflict(prior, live.values, generator),
+        conflict=conflict(prior, live.values, generator, simulated=simulated.values.std(axis=0, ddof=1)),
         assumptions=(assumptions(live, generator), assumptions(simulated, generator)),
     )
