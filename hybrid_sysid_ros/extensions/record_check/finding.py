@@ -29,3 +29,14 @@ class RecordFinding:
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.words}; {self.cure}"
+
+
+def sentence(findings: list[RecordFinding]) -> str:
+    """What to make of a record, in a sentence."""
+    if not findings:
+        return "no fault is seen; go on to identify"
+    worst, more = findings[0], len(findings) - 1
+    others = f", and {more} more" if more else ""
+    if worst.blocks:
+        return f"a fit would be worth nothing before this is cured: {worst.kind}{others}"
+    return f"usable with care: {worst.kind}{others}"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +12,17 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags
+from hybrid_sysid_ros import report as reports
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
-from hybrid_sysid_ros.commands.terminal import console, print_table
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
-from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding, sentence
+from hybrid_sysid_ros.extensions.record_check.report.record_page import write_records
 from hybrid_sysid_ros.library.records import checked_bag
+from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.files import check_file
 
 
 def command(
@@ -24,17 +31,22 @@ def command(
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
+    report: Annotated[Path | None, typer.Option(help="Write an HTML page with plots.")] = None,
     as_json: terminal.Json = False,
 ) -> None:
     """Check records before a model is fitted to them: faults with their cures, the costliest first. The exit status is
     1 where a fit would be worth nothing.
     """
+    if report is not None:
+        reports.check_available()
+        check_file(report, suffix=".html")
     described = load_rig(rig)
-    found = dict[str, list[RecordFinding]]()
+    found, records = dict[str, list[RecordFinding]](), list[Record]()
     for path in bag:
         record = checked_bag(
             path, described, signals=signals, period=read_period, recover=recover, doubtful=lambda line: None
         )
+        records.append(record)
         found[str(path)] = findings_of(record, described)
     if as_json:
         rows = {
@@ -49,16 +61,10 @@ def command(
             for item in findings:
                 table.add_row(item.kind, f"{item.cost:.2f}", item.words, item.cure)
             print_table(table)
+    if report is not None:
+        by_name = dict(zip([record.name for record in records], found.values(), strict=True))
+        provenance = reports.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), versions=versions())
+        write_records(report, described, records, by_name, provenance)
+        status.print(str(report))
     if any(item.blocks for findings in found.values() for item in findings):
         raise typer.Exit(1)
-
-
-def sentence(findings: list[RecordFinding]) -> str:
-    """What to make of a record, in a sentence."""
-    if not findings:
-        return "no fault is seen; go on to identify"
-    worst, more = findings[0], len(findings) - 1
-    others = f", and {more} more" if more else ""
-    if worst.blocks:
-        return f"a fit would be worth nothing before this is cured: {worst.kind}{others}"
-    return f"usable with care: {worst.kind}{others}"

@@ -75,11 +75,12 @@ def turned(tmp_path) -> str:
     return str(write_bag(tmp_path / "turned", [wheel]))
 
 
-def test_the_command_says_what_to_do_and_its_status_tells_scripts(call, turned):
+def test_the_command_says_what_to_do_and_its_status_tells_scripts(call, turned, tmp_path):
     check = partial(call, app.main, "hybrid-sysid", "check-record", "--rig", RIG)
     status, out, _ = check(str(ROOT / "bags" / "wheel_motor_multisine"))
     assert (status, "no fault" in out) == (0, True)
-    status, out, _ = check(turned)
+    status, out, _ = check(turned, "--report", str(tmp_path / "page.html"))
+    assert "goes the other way" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert status == 1
     assert "worth nothing before this is cured: sign" in out
     assert json.loads(check(turned, "--json")[1])[turned][0]["kind"] == "sign"
