@@ -63,7 +63,11 @@ def command(
             print_table(table)
     if report is not None:
         by_name = dict(zip([record.name for record in records], found.values(), strict=True))
-        provenance = reports.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), versions=versions())
+        made_by, hashes = (
+            shlex.join(["hybrid-sysid", *sys.argv[1:]]),
+            {f"bag {one.name}": one.digest for one in records},
+        )
+        provenance = reports.Provenance(command=made_by, hashes=hashes, versions=versions())
         write_records(report, described, records, by_name, provenance)
         status.print(str(report))
     if any(item.blocks for findings in found.values() for item in findings):

@@ -38,7 +38,7 @@ def write_records(
             }
         )
     content = {
-        "title": f"{rig.name}: {len(records)} records", "records": shown, "provenance": provenance,
-        "hashes": provenance.hashes,
+        "title": f"{rig.name}: {', '.join(record.name for record in records)}",
+        "records": shown, "provenance": provenance, "hashes": provenance.hashes,
     }  # fmt: skip
     return write_page(path, Path(__file__).parent / "record.html", content)
