@@ -167,7 +167,12 @@ class _Reader(QuantityReader):
             raise UnknownWordError(text, ())
 
     def mean(self, meanings: Sequence[tuple[str, Any]], said: str) -> None:
-        """Note what a phrase means. "Climb" names the height, where there is one."""
+        """Note what a phrase means. "Climb" names the height, where there is one. Raises UserError for a phrase that no
+        command has, before others that nobody knows.
+        """
+        for kind, reason in meanings:
+            if kind == "!":
+                raise UserError(f"{said!r}: {reason}")
         height = self.vocabulary.of_kind("height")
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind != "h"]
         if height and any(kind == "h" for kind, _ in meanings):

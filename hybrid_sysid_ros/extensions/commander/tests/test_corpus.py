@@ -47,7 +47,7 @@ def understood(command: Command, vocabulary: Vocabulary, named: set[str]) -> dic
         return vocabulary.outputs[output].name if named - {""} else ""
 
     if isinstance(command, Home):
-        return {"do": "home"}
+        return {"do": "home", "pace": command.pace} if command.pace else {"do": "home"}
     if isinstance(command, Wait):
         return {"do": "wait", "seconds": command.seconds}
     if isinstance(command, Follow):
