@@ -128,7 +128,9 @@ def demo(
         for controller in (imitation, ExactMpc(system, imitation.problem))
     ]
     section = report.closed_loop_section(loop, described)
-    run = report.RunSummary.of(diagnostics, described, bag=bag, section=section)
+    run = report.RunSummary.of(
+        diagnostics, described, bag=bag, section=section, flown={"model": model_folder, "policy": policy_folder}
+    )
     summary = {
         "identification": _identified(model, records, described),
         "closed_loop": tracked(section, plan) | {"cost_ratio_to_exact": round(costs[0] / costs[1], 4)},

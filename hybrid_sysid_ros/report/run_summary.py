@@ -11,6 +11,7 @@ from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import sha256
 
 ENOUGH = 0.01
 """Share of missed commands up to which a machine is fast enough: where the diagnostics begin to warn."""
@@ -18,6 +19,8 @@ FOLLOWED = 0.5
 """Error as a share of the reference's movement (both RMS) up to which a rig follows: one that stood still has 1."""
 LARGEST_BAG = 500_000_000
 """Bytes of a bag that is read at once."""
+SEAL = 16
+"""Digits of a folder's SHA-256."""
 PERCENTILES = {"p50": "median", "p99": "99 %", "max": "longest"}
 
 
@@ -46,6 +49,8 @@ class RunSummary:
     restarts: int = 0
     """How often the controller was started again: what it counts is of the last one."""
     bag: Path | None = None
+    flown: Mapping[str, str] = field(default_factory=dict)
+    """What estimator and controller had in the loop, its model and its policy, by name and seal."""
 
     @classmethod
     def of(
@@ -56,8 +61,11 @@ class RunSummary:
         bag: Path | None = None,
         section: ClosedLoopSection | None = None,
         lockstep: bool = False,
+        flown: Mapping[str, Path] | None = None,
     ) -> RunSummary:
-        """diagnostics: the last values by node and key. section: of the bag, where that was read."""
+        """diagnostics: the last values by node and key. section: of the bag, where that was read. flown: folders of the
+        model and of the policy.
+        """
         plant, controller = diagnostics.get("plant", {}), diagnostics.get("controller", {})
         untracked = cls.untracked
         if bag is not None and section is None:
@@ -77,7 +85,14 @@ class RunSummary:
             share=None if section is None else section.share,
             restarts=controller.get("restarts", 0),
             bag=bag,
+            flown={name: f"{folder} (SHA-256 {sha256(folder)[:SEAL]})" for name, folder in (flown or {}).items()},
         )
+
+    @property
+    def alarms(self) -> frozenset[str]:
+        """Of the lines, those that say that something is wrong."""
+        slow = {"missed"} if self.fast_enough is False else set()
+        return frozenset(slow | ({"tracking"} if self.share is not None and self.share > FOLLOWED else set()))
 
     @property
     def fast_enough(self) -> bool | None:
@@ -102,6 +117,7 @@ class RunSummary:
             "missed": f"{self.missed} of {self.measurements} commands: {self._judgement}",
             "layers": (", ".join(shares) or "no command") + last,
             "failsafe": (", ".join(times) or "never") + last,
+            **{f"{name} that flew": words for name, words in self.flown.items()},
             "bag": str(self.bag or "none"),
         }
 
@@ -117,6 +133,7 @@ class RunSummary:
             "failsafe": dict(self.failsafe),
             "tracking_share": None if self.share is None else round(self.share, 4),
             "controller_restarts": self.restarts,
+            "flown": dict(self.flown),
         }
 
     @property
