@@ -36,6 +36,7 @@ def test_a_run_ends_in_six_lines():
 def test_a_machine_that_misses_more_than_one_command_in_a_hundred_is_too_slow(missed, enough):
     summary = RunSummary.of(diagnostics(missed), RIG)
     assert summary.fast_enough is enough
+    assert ("missed" in summary.alarms) == (enough is False)
     assert ("TOO SLOW" in summary.lines["missed"]) is not enough
     assert RunSummary.of(diagnostics(missed), RIG, lockstep=True).fast_enough is None
 

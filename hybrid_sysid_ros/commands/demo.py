@@ -143,7 +143,7 @@ def demo(
     report.write_report(out / "report.html", *sections, report.provenance(model, called), run, driver)
     if not quiet:
         print_table(_table(summary))
-        print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})
+        print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")}, run.alarms)
     return summary
 
 

@@ -96,7 +96,7 @@ def command(
         else:
             if verbose:
                 print_table(_table(outcome.diagnostics))
-            print_lines(summary.lines)
+            print_lines(summary.lines, summary.alarms)
     if outcome.interrupted:
         raise Interrupted(f"{outcome.bag} holds what was recorded" if kept else "")
 

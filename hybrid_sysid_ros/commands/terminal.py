@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Annotated, Any, Literal
@@ -97,13 +97,14 @@ def print_table(table: Table) -> None:
     shown.print(table)
 
 
-def print_lines(lines: Mapping[str, str]) -> None:
-    """Print sentences behind what they are about."""
+def print_lines(lines: Mapping[str, str], alarms: Collection[str] = ()) -> None:
+    """Print sentences behind what they are about, alarms in red."""
     indent = " " * (max(map(len, lines)) + 2)
     room = console.width if console.is_terminal else WIDEST
     for name, words in lines.items():
         begin = name.ljust(len(indent))
-        console.print(fill(words, room, initial_indent=begin, subsequent_indent=indent, break_long_words=False))
+        text = fill(words, room, initial_indent=begin, subsequent_indent=indent, break_long_words=False)
+        console.print(text, style="bold red" if name in alarms else None)
 
 
 def end(problems: Sequence[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import floor
+from math import floor, isfinite
 
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.report.sections import IdentificationSection
@@ -30,9 +30,10 @@ def _of_model(section: IdentificationSection) -> str:
     runs, which = (unseen, "that it has not seen") if unseen else (section.runs, "that it may have been trained on")
     lowest = min(run.scores.r2 for run in runs)
     how = "well" if lowest >= WELL else "roughly" if lowest >= ROUGHLY else "badly"
-    words = (
-        f"It predicts the records {which} {how} (R² of at least {floor(1e3 * lowest) / 1e3:.3f}, where 1 is perfect)."
-    )
+    words = f"On the records {which} its free run diverges."
+    if isfinite(lowest):
+        least = floor(1e3 * lowest) / 1e3
+        words = f"It predicts the records {which} {how} (R² of at least {least:.3f}, where 1 is perfect)."
     tests = [test for run in runs for test in run.tests.values()]
     if failed := sum(not test.passed for test in tests):
         words += (

@@ -150,7 +150,7 @@ def camera_demo(
     write_video(out / "report.html", record, layers, f"{described.name} by camera", provenance, ahead=ahead, loop=loop)
     if not quiet:
         print_table(_table(summary))
-        print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")})
+        print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")}, run.alarms)
     return summary
 
 
