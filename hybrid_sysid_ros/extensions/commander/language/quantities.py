@@ -50,7 +50,7 @@ class QuantityReader:
             if sign and value < 0.0:
                 raise UserError(f"two signs before {abs(value):g}: write one")
             self.at += 1
-            if value.is_integer() and self.word() in ("hundred", "thousand", "mil"):
+            if value.is_integer() and numbers.get(self.word()) in (100, 1000) and self.word() not in ("cem", "cento"):
                 value, self.at = value * numbers[self.word()], self.at + 1
         elif self.word() in numbers or self.longest(self._spelled()):
             if self.word() in ("um", "uma", "one") and not sign and not self._one():

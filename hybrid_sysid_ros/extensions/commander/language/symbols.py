@@ -204,7 +204,8 @@ class _Reader(QuantityReader):
         own, count = self.vocabulary.longest(words, self.lexicon), self.longest(self.lexicon.meanings, skip=skip)
         if own is not None and own[1].kind == "O":
             return own[0]
-        return count if count and self.lexicon.meanings[tuple(words[:count])][0][0] == "K" else 0
+        meanings = self.lexicon.meanings[tuple(words[:count])] if count else ()
+        return count if any(kind == "K" for kind, _ in meanings) else 0
 
     def condition(self) -> bool:
         """A condition such as "once it is still" or "when it reaches 3 V"."""

@@ -284,6 +284,8 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "make it look like this", Refused("name one picture")),
     (BEAM, "look like goal.jpg", Refused("no files")),
     (BEAM, "match goal.png and photo.jpg", Refused("name one picture")),
+    (DRILL, "bit until please RPM bit bit_speed", Refused("until")),
+    (BEAM, "go to 3 mil", Refused("")),
     # Portuguese.
     (BEAM, "vá para 3 graus", [go(3 / 1.3)]),
     (BEAM, "vai para 2,5 V devagar", [go(2.5, pace="slowly")]),
