@@ -49,11 +49,11 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "websockets": re.compile(r"extensions/view/server\.py"),
     "jinja2": re.compile(r"report/.*"),
     "av": re.compile(r"extensions/vision/camera/film\.py"),
-    "PIL": re.compile(r"extensions/vision/camera/jpeg\.py"),
+    "PIL": re.compile(r"extensions/(vision/camera/jpeg|commander/language/charts)\.py"),
 }
 AT_THE_TOP = re.compile(
     r"core/casadi_form\.py|extensions/ipopt/interior_point\.py"
-    r"|extensions/policies/(network|training)\.py|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view|commander/language)/server\.py"
+    r"|extensions/policies/(network|training)\.py|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view/server|commander/language/(server|charts))\.py"
 )
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 
@@ -193,7 +193,7 @@ import importlib, sys
 class Absent:
     def find_spec(self, name, *_):
         if name.partition(".")[0] in {absent}:
-            raise ModuleNotFoundError(name)
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Absent())
 for name in {names}:
     importlib.import_module(name)
