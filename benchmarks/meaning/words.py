@@ -17,7 +17,6 @@ import numpy as np
 from benchmarks.commander import texts
 from benchmarks.meaning.rows import Row
 from hybrid_sysid_ros.extensions.commander.language import grammar
-from hybrid_sysid_ros.extensions.commander.language import meanings as bits
 from hybrid_sysid_ros.extensions.commander.language.commands import (
     Adjust,
     Command,
@@ -30,6 +29,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Undo,
     Wait,
 )
+from hybrid_sysid_ros.extensions.commander.language.goals import BIT
 from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
@@ -177,7 +177,7 @@ def alike(found: str, right: str, words: Vocabulary) -> bool:
 def _normal(text: str, words: Vocabulary) -> list[list[object]]:
     """Parts of tokens; a home of one output is its 0, a hold a wait, and a wait of 0 at the end nothing."""
     span = 0.5 * (words.outputs[words.tracked[0]].high - words.outputs[words.tracked[0]].low)
-    text = re.sub(r"\bbit([+-])", lambda match: f"{'+' if match[1] == '+' else '-'}{bits.BIT * span:g}" + (
+    text = re.sub(r"\bbit([+-])", lambda match: f"{'+' if match[1] == '+' else '-'}{BIT * span:g}" + (
         " rel" if match[1] == "-" else ""), text)  # fmt: skip
     text = re.sub(r" hold (\S+)", r"; wait \1", text)
     text = text if len(words.tracked) > 1 else re.sub(r"\bhome\b", "0", text)
@@ -258,7 +258,7 @@ def measured(*, count: int = 100_000, seed: int = 0) -> tuple[Mapping[str, Any],
         Row("random texts beyond the limits", 0, random["beyond"], at_most=True),
         Row("tracebacks of random texts", 0, random["tracebacks"], at_most=True),
     ]
-    for name in ("sentences", "kept_sentences"):
+    for name in ("sentences", "kept_sentences", "strangers"):
         found[name] = one = judged(examples(f"{name}.txt"))
         rows += [
             Row(f"{name}: moved otherwise than said", 0, len(one["wrong"]), at_most=True),

@@ -41,6 +41,7 @@ OTHERS: Mapping[str, Unit] = {
     **dict.fromkeys(("deg", "degs", "degree", "degrees", "°"), Unit("rad", 0, math.pi / 180.0)),
     **dict.fromkeys(("turn", "turns", "revolution", "revolutions", "rev", "revs"), Unit("rad", 0, 2.0 * math.pi)),
     **dict.fromkeys(("rpm", "RPM"), Unit("rad", 1, 2.0 * math.pi / 60.0)),
+    **dict.fromkeys(("ft", "foot", "feet"), Unit("m", 0, 0.3048)),
     **dict.fromkeys(("%", "percent", "pct"), Unit(PERCENT)),
     **dict.fromkeys(("min", "mins", "minute", "minutes"), Unit(TIME, 0, 60.0)),
     **dict.fromkeys(("h", "hour", "hours"), Unit(TIME, 0, 3600.0)),

@@ -32,6 +32,7 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("at", "WQ(?:o[KO])?"),
     ("later", "I?QE"),
     ("to", "TQ(?:o?[KO])?"),
+    ("often", "QeQ"),
     ("by", "YQ(?:o?[KO])?"),
     ("for", "RQ"),
     ("in", "IQ"),
@@ -51,6 +52,8 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("pace", "[Cc]"),
     ("here", "W?H"),
     ("object", "J"),
+    ("wish", "w"),
+    ("displacing", "y"),
     ("and", "(?!^)j(?!$)"),
 )
 """What symbols in a row come to; the first that fits is taken."""
@@ -114,6 +117,10 @@ class Clause:
     here: str = ""
     bit: str = ""
     smoothly: bool = False
+    displacing: str = ""
+    """A verb of moving, which leaves open whether a value is a place or a change."""
+    wish: bool = False
+    """Whether "I want" or "give me" was said, which asks for the value behind it."""
 
     @property
     def empty(self) -> bool:
@@ -142,7 +149,9 @@ def _parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         before = "".join(each.kind for each in parts[-1])
         if symbol.kind == "!":
             raise UserError(f"{symbol.text!r}: {symbol.value}")
-        if symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :])):
+        if _waits(parts[-1], symbol, following):
+            parts.append([symbol])
+        elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :])):
             parts.append([])
         elif symbol.kind != ",":
             parts[-1].append(symbol)
@@ -151,9 +160,17 @@ def _parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
 
 def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
     """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then."""
-    if following in ("V", ";"):
+    if following in ("V", "y", ";"):
         return any(letter in "VUOKTMu" for letter in before)
     return following in ("Z", "z", "D") and any(symbol.kind == "V" for symbol in rest)
+
+
+def _waits(part: Sequence[Symbol], verb: Symbol, following: str) -> bool:
+    """Whether a verb needs no mark before it, which a transcript has none of: "go to 2 V wait 3 s go to 0"."""
+    before = [symbol.value for symbol in part if symbol.kind == "V"]
+    if verb.kind not in "Vy" or not before or not any(symbol.kind == "Q" for symbol in part):
+        return False
+    return verb.value == "wait" or before[-1] == "wait" or (verb.value == "hold" and following in ("R", "H"))
 
 
 class _Matcher:
@@ -210,6 +227,8 @@ class _Matcher:
         elif slot in ("amplitude", "frequency", "period"):
             role = "to" if "T" in letters else "by" if "Y" in letters else ""
             made.quantities.append(self.quantity(quantities[0], role, text, kind=noun or slot))
+        elif slot == "often":
+            self.often(quantities, text)
         elif slot == "noun":
             made.nouns.append(noun)
         elif slot in ("later", "after") or (slot == "in" and self.begins() and self.is_time(quantities[0][1])):
@@ -227,6 +246,9 @@ class _Matcher:
         elif slot == "verb":
             made.verbs.append(part[0])
         elif slot == "direction":
+            if made.quantities and made.quantities[-1].role == "to":  # "go to 2 V more"
+                said = f"{made.quantities[-1].text} {text}"
+                raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by', and leave out {text!r}")
             made.directions.append(part[0])
         elif slot == "pace":
             if letters == "c":
@@ -244,8 +266,23 @@ class _Matcher:
             made.here = text
         elif slot == "bit":
             made.bit = text
+        elif slot == "displacing":
+            made.displacing = text
+        elif slot == "wish":
+            made.wish = True
         elif slot == "object" and self.made.empty and len(self.part) == 1:
             raise UserError(f"{text!r} asks for nothing: say for example 'go to 1 {self.example}'")
+
+    def often(self, quantities: Sequence[tuple[float, Unit | None]], text: str) -> None:
+        """As in "one cycle every 4 s". Raises UserError for a count that could be that of all periods."""
+        (count, unit), every = quantities
+        if unit is None or unit.base != COUNT:
+            self.made.quantities.append(self.quantity(quantities[0], "", text))
+        elif count != 1.0:
+            raise UserError(
+                f"{text!r}: so often in that time, or so many periods? say 'at 1 Hz', or 'for {count:g} periods'"
+            )
+        self.made.quantities.append(self.quantity(every, "every", text))
 
     def begins(self) -> bool:
         """Whether no verb was said yet, or a stop, which takes no time."""

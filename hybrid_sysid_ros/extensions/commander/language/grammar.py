@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, clauses
-from hybrid_sysid_ros.extensions.commander.language.commands import Command, Condition, Repeat, Sentence, Wait
+from hybrid_sysid_ros.extensions.commander.language.commands import Command, Condition, Move, Repeat, Sentence, Wait
 from hybrid_sysid_ros.extensions.commander.language.files import Files
-from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, lexicon
+from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.meanings import Meaning
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, stop_in
 from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
@@ -16,7 +16,7 @@ from hybrid_sysid_ros.extensions.commander.language.values import Values
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.errors import UserError
 
-CARRIED = ("go", "hold", "ramp", "step")
+CARRIED = ("go", "hold", "ramp", "step", "follow")
 """Verbs that count for the next part, too, where it has a value and no verb."""
 
 
@@ -75,8 +75,8 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
     """The clauses up to the first condition, and behind it those that wait for it."""
     commands: list[Command] = []
     for k, clause in enumerate(found):
-        if k and not clause.verbs and found[k - 1].verbs and any(item.role == "" for item in clause.quantities):
-            clause.verbs += [symbol for symbol in found[k - 1].verbs if symbol.value in CARRIED]  # "hold 1 V, then 2 V"
+        if k and not clause.verbs and any(item.role in ("", "at") for item in clause.quantities):
+            clause.verbs += _carried(commands, found[k - 1])
         verbs = [symbol.value for symbol in clause.verbs]
         if clause.condition is not None or (clause.delay is not None and not commands):
             until = clause.condition is not None and clause.condition[0] == "until"
@@ -103,6 +103,16 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
         if not (clause.delay is not None and _alone(clause) and not verbs):
             commands.append(Meaning(clause, vocabulary, files, behind=_acts(commands)).command())
     return Sentence(text=text, commands=tuple(commands))
+
+
+def _carried(commands: Sequence[Command], before: Clause) -> list[Symbol]:
+    """The verbs of a part that count for the next one, too, as in "hold 1 V, then 2 V". After "up 1 V" the next value
+    could be a change or a place, so there is none.
+    """
+    last = commands[-1] if commands else None
+    if not isinstance(last, Move) or any(goal.relative or goal.share for goal in last.goals):
+        return []
+    return [symbol for symbol in before.verbs if symbol.value in CARRIED] or [Symbol("V", "go", "go")]
 
 
 def _acts(commands: Sequence[Command]) -> bool:

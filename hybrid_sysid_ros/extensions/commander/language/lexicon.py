@@ -15,13 +15,14 @@ LANGUAGES = ("en", "pt")
 LONGEST_PHRASE = 8
 """Words."""
 VERBS = (
-    "go", "hold", "still", "step", "ramp", "swing", "square", "triangle", "chirp", "wait", "follow", "look", "repeat",
-    "undo", "home", "halt",
+    "go", "hold", "still", "step", "ramp", "swing", "square", "toggle", "triangle", "chirp", "wait", "follow", "look",
+    "repeat", "undo", "home", "halt",
 )  # fmt: skip
 ROLES = {
     "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "within": "L",
     "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J", "here": "H",
     "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X", "smoothly": "c",
+    "want": "w",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {
@@ -61,6 +62,8 @@ class Lexicon:
             self._enter(found, category, (("S", factor),))
         for category, factor in {"halve": 0.5, "doubled": 2.0, "reversed": -1.0}.items():
             self._enter(found, category, (("V", "go"), ("S", factor)))
+        self._enter(found, "displace", (("y", "displace"), ("V", "go")))
+        self._enter(found, "ease", (("V", "go"), ("C", "slowly")))
         for category in VERBS:
             self._enter(found, category, (("V", category),))
         for category, sign in {"raise": 1.0, "lower": -1.0}.items():

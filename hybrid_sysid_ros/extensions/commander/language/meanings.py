@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause, Quantity
+from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause
 from hybrid_sysid_ros.extensions.commander.language.commands import (
     Adjust,
     Command,
     Follow,
-    Goal,
     Home,
     Move,
     PictureTarget,
@@ -19,17 +19,16 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Wait,
 )
 from hybrid_sysid_ros.extensions.commander.language.files import Files, is_picture
+from hybrid_sysid_ros.extensions.commander.language.goals import Goals
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.swings import SwingMeaning
-from hybrid_sysid_ros.extensions.commander.language.values import Values, described
+from hybrid_sysid_ros.extensions.commander.language.values import described
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
-BIT = 0.05
-"""Of half the set-points' range, by which "up a bit" changes them."""
 
-
-class Meaning(Values):
+class Meaning(Goals):
     """Takes the quantities of one clause, each for what it can be."""
 
     def __init__(self, clause: Clause, vocabulary: Vocabulary, files: Files, *, behind: bool = False) -> None:
@@ -50,7 +49,7 @@ class Meaning(Values):
             if (
                 general in found
                 and len(found) > 1
-                and set(found) & {"swing", "square", "triangle", "chirp", "home", "undo"}
+                and set(found) & {"swing", "square", "toggle", "triangle", "chirp", "home", "undo"}
             ):
                 found.remove(general)
         if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
@@ -61,7 +60,7 @@ class Meaning(Values):
             found = ["look" if is_picture(clause.names[0]) else "follow"]
         if not found and (
             clause.directions or clause.comparatives or clause.targets or clause.shares
-            or any(item.role in ("to", "range") for item in self.left)
+            or any(item.role in ("to", "range") for item in self.left) or self._said()
         ):  # fmt: skip
             found = ["go"]
         if len(found) > 1:
@@ -74,12 +73,18 @@ class Meaning(Values):
             )
         return found[0]
 
+    def _said(self) -> bool:
+        """Whether a value is asked for without a verb: by "I want", or by how long it is to last."""
+        roles = {item.role for item in self.left}
+        return "" in roles and (self.clause.wish or "for" in roles)
+
     def command(self) -> Command:
         """What the clause asks for."""
         makers: Mapping[str, Callable[[], Command]] = {
             "home": lambda: Home(pace=self.pace), "repeat": self.repeat,
             "undo": lambda: Undo(pace=self.pace), "wait": self.wait, "follow": self.follow, "look": self.look,
-            "swing": self.swing, "square": self.swing, "triangle": self.swing, "chirp": self.swing, "step": self.step,
+            "swing": self.swing, "square": self.swing, "toggle": self.swing,
+            "triangle": self.swing, "chirp": self.swing, "step": self.step,
             "hold": self.hold, "still": self.hold, "go": self.go, "ramp": lambda: self.move("straight"),
         }  # fmt: skip
         made = makers[self.verb]()
@@ -188,10 +193,24 @@ class Meaning(Values):
 
     def go(self) -> Command:
         clause = self.clause
-        if clause.comparatives:
+        if clause.comparatives and not self.changed():
             return self.compared()
         adjusted = clause.nouns or [item.kind for item in self.left if item.kind in ("amplitude", "frequency")]
         return self.adjust(adjusted[0]) if adjusted else self.move("smooth")
+
+    def changed(self) -> bool:
+        """Whether a comparison says by how much a speed changes, as "5 rpm faster" does; it is a direction then."""
+        ((factor, text), *more), speeds = self.clause.comparatives, self.vocabulary.of_kind("speed")
+        if (
+            more
+            or len(self.left) != 1
+            or self.left[0].role not in ("", "by")
+            or self.output(self.left[0]) not in speeds
+        ):
+            return False
+        self.clause.comparatives = []
+        self.clause.directions.append(Symbol("U", math.copysign(1.0, factor - 1.0), text))
+        return True
 
     def compared(self) -> Command:
         """What "slower" asks for: of a speed another value, of the last swing another frequency."""
@@ -252,90 +271,3 @@ class Meaning(Values):
             pace=self.pace, seconds=seconds, rate=None if rate is None else abs(self.shown(rate, output, per=1)),
             hold=hold or 0.0,
         )  # fmt: skip
-
-    def goals(self) -> tuple[Goal, ...]:
-        """All values that are left."""
-        sign, found = self.direction(), []
-        after = {"by"} if sign or self.verb in ("go", "step", "ramp") else set()
-        for item in [each for each in self.left if each.role in {"", "to", "at", *after}]:
-            if item.base in (TIME, FREQUENCY, COUNT) or item.kind in ("amplitude", "frequency", "period"):
-                continue
-            self.left.remove(item)
-            found.append(self.goal(item, sign))
-        found += self.shares(sign)
-        if not found and sign and self.clause.bit:
-            output = self.only(self.clause.targets, self.clause.bit)
-            shown = self.vocabulary.outputs[output]
-            found = [Goal(output=output, value=sign * BIT * 0.5 * (shown.high - shown.low), relative=True)]
-            self.clause.bit = ""
-        self.clause.directions = []
-        if not found:
-            raise UserError(f"{self.verb} to where? say for example '{self.verb} to 1 {self.example}'")
-        if self.clause.bit and found:
-            raise UserError(f"{self.clause.bit!r} and a value contradict one another: leave one out")
-        if len({goal.output for goal in found}) < len(found):
-            raise UserError(f"{self.verb} has several values of one output: join them by 'then'")
-        if unused := [k for k in self.clause.targets if k not in {goal.output for goal in found}]:
-            raise UserError(f"{self.vocabulary.outputs[unused[0]].name} to what? say a value of it")
-        return tuple(found)
-
-    def goal(self, item: Quantity, sign: float) -> Goal:
-        output = self.output(item)
-        relative = item.role == "by" or (sign != 0.0 and item.role not in ("to", "at"))
-        if relative and item.base == PERCENT:
-            shown = self.vocabulary.outputs[output]
-            change = 0.01 * abs(item.value)
-            half = change * 0.5 * (shown.high - shown.low)
-            factor = 1.0 + (sign or 1.0) * change
-            raise UserError(
-                f"{item.value:g} % of what it is now, or of the range? say 'to {100.0 * factor:g} % of its present "
-                f"value', or 'by {half:.4g} {shown.unit}'"
-            )
-        if relative and sign and item.value < 0.0:
-            raise UserError(f"{item.text}: a direction and a sign contradict one another: leave one out")
-        value = (sign or 1.0 if relative else 1.0) * self.value(item, output, relative)
-        return Goal(output=output, value=value, relative=relative, toward=sign)
-
-    def shares(self, sign: float) -> list[Goal]:
-        """Factors of the present value or of the range."""
-        found = []
-        for share in self.clause.shares:
-            output = self.only(self.clause.targets, share.text)
-            shown = self.vocabulary.outputs[output]
-            factor = share.factor
-            halving = not share.of and any(symbol.text == share.word for symbol in self.clause.verbs)
-            if not halving and (share.role == "by" or (sign and share.role == "")):
-                if not share.of and share.factor > 1.0:
-                    raise UserError(f"{share.text!r} of what? say 'double it', or by how much")
-                factor = 1.0 + (sign or 1.0) * factor
-                if share.of == "range":
-                    change = (sign or 1.0) * share.factor * 0.5 * (shown.high - shown.low)
-                    found.append(Goal(output=output, value=change, relative=True))
-                    continue
-            elif share.of == "range":
-                found.append(Goal(output=output, value=factor * shown.high, toward=sign))
-                continue
-            elif not share.of and not halving:
-                raise UserError(
-                    f"{share.text!r} of what it is now, or of the range? say 'halve it', or 'go to "
-                    f"{factor * shown.high:.4g} {shown.unit}'"
-                )
-            if factor < 0.0 and output not in self.vocabulary.of_kind("speed"):
-                raise UserError(f"{share.text!r}: {shown.name} is no speed: say 'go to' where")
-            found.append(Goal(output=output, value=factor, share=True))
-        self.clause.shares = []
-        return found
-
-    def only(self, targets: list[int], said: str) -> int:
-        """The output that was named, or the only one. Raises UserError where that leaves several."""
-        candidates = targets or [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
-        if len(set(candidates)) != 1:
-            raise UserError(f"{said!r} of which output? name one of {self.vocabulary.steered}")
-        return candidates[0]
-
-    def direction(self) -> float:
-        """1, -1, or 0 where none was said. Raises UserError for two."""
-        signs = {symbol.value for symbol in self.clause.directions}
-        if len(signs) > 1:
-            raise UserError("up and down contradict one another: leave one out")
-        return signs.pop() if signs else 0.0

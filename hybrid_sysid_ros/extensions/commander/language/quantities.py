@@ -52,7 +52,7 @@ class QuantityReader:
             self.at += 1
             if value.is_integer() and numbers.get(self.word()) in (100, 1000) and self.word() not in ("cem", "cento"):
                 value, self.at = value * numbers[self.word()], self.at + 1
-        elif self.word() in numbers or self.longest(self._spelled()):
+        elif self.word() in numbers or self.longest(self._spelled()) or self._point_here(self.at):
             if self.word() in ("um", "uma", "one") and not sign and not self._one():
                 return None
             value = self.spelled()
@@ -98,9 +98,17 @@ class QuantityReader:
         k = self.at + 1
         if k >= len(self.tokens):
             return False
-        return self.tokens[k].kind == "number" or self.words[k] in {
-            **self.lexicon.table["numbers"], **self.lexicon.table["signs"]
-        }  # fmt: skip
+        spoken = {**self.lexicon.table["numbers"], **self.lexicon.table["signs"]}
+        return self.tokens[k].kind == "number" or self.words[k] in spoken or self._point_here(k)
+
+    def _point_here(self, k: int) -> bool:
+        """Whether decimals in words begin here: "point five"."""
+        following = self.words[k + 1 : k + 2]
+        return (
+            (self.words[k],) in self.lexicon.parts["point"]
+            and bool(following)
+            and following[0] in self.lexicon.table["numbers"]
+        )
 
     def article_for_one(self) -> bool:
         """Whether "a volt" says one volt; the article is taken."""

@@ -14,7 +14,14 @@ PERIODS = 10
 """Of a swing that nobody says a length of."""
 CHIRP_SECONDS = 20.0
 """Of a chirp that nobody says a length of."""
-SHAPES = {"swing": "sine", "chirp": "sine", "square": "square", "step": "square", "triangle": "triangle"}
+SHAPES = {
+    "swing": "sine",
+    "chirp": "sine",
+    "square": "square",
+    "toggle": "square",
+    "step": "square",
+    "triangle": "triangle",
+}
 
 
 class SwingMeaning:
@@ -68,7 +75,7 @@ class SwingMeaning:
             return self.above_zero(first), self.above_zero(last)
         frequency = values.take(lambda item: item.base == FREQUENCY and item.kind in ("", "frequency"))
         period = values.take(lambda item: item.kind == "period")
-        every = values.seconds("every", "at")
+        every = values.seconds("every")
         if sum(given is not None for given in (frequency, period, every)) > 1:
             raise UserError("a frequency and a period contradict one another: leave one out")
         if frequency is not None:
@@ -77,6 +84,11 @@ class SwingMeaning:
             if period.base != TIME:
                 raise UserError(f"{period.text!r}: a period is a time, as in 'with a period of 4 s'")
             return self.above_zero(1.0 / values.time(period)), None
+        if every and self.verb == "toggle":
+            raise UserError(
+                f"every {every:g} s: from one to the other, or there and back? say 'with a period of {2 * every:g} s', "
+                f"or 'of {every:g} s'"
+            )
         if every:
             return 1.0 / ((2.0 if self.verb == "step" else 1.0) * every), None
         raise UserError(f"{self.verb} how often? say 'at 0.2 Hz' or 'every 5 s'")

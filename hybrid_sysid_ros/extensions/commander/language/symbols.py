@@ -8,6 +8,7 @@ from typing import Any
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.quantities import QuantityReader, Token
+from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -61,7 +62,8 @@ def _tokens(text: str, whole: Container[str]) -> Iterator[Token]:
         match = TOKEN.match(text, position)
         if match is None or match.end() == position:
             wrong = text[position:].lstrip()[:1]
-            raise UserError(f"{wrong!r} means nothing in a command: words, numbers and units only")
+            sign = "; a sign touches its number, as in -1" if wrong in "+-" else ""
+            raise UserError(f"{wrong!r} means nothing in a command: leave it out{sign}")
         position, kind = match.end(), str(match.lastgroup)
         if kind == "word" and match[kind] not in whole:
             yield from (Token(kind, part) for part in re.split(r"[-_]", match[kind]))
@@ -91,6 +93,10 @@ class _Reader(QuantityReader):
             after_number = k > 0 and (self.tokens[k - 1].kind == "number" or self.words[k - 1] in numbers)
             if self.unit(token.text) is not None:
                 continue
+            owner, _, own = token.text.casefold().partition("'")
+            if own == "s" and folded(owner) in known:  # "the bit's speed"
+                self.words[k] = folded(owner)
+                continue
             self.words[k] = self.mended(k, word, known, after_number)
 
     def mended(self, k: int, word: str, known: frozenset[str], after_number: bool) -> str:
@@ -101,7 +107,8 @@ class _Reader(QuantityReader):
         units = tuple(each for each in candidates if (each,) in self.lexicon.units)
         candidates = (after_number and units) or own or candidates
         meanings = {single.get((each,), self.lexicon.units.get((each,), each)) for each in candidates}
-        if len(meanings) == 1:
+        refused = any(kind == "!" for each in candidates for kind, _ in self.lexicon.meanings.get((each,), ()))
+        if len(meanings) == 1 and not refused:
             return candidates[0]
         for place in range(len(self.words)):  # a negation says more than a word that nobody knows
             count = self.lexicon.longest(self.lexicon.meanings, self.words[place:])

@@ -1,0 +1,114 @@
+"""Goals: where the values of a clause lead, as places, as changes, or as shares of what is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hybrid_sysid_ros.extensions.commander.language.clauses import Quantity
+from hybrid_sysid_ros.extensions.commander.language.commands import Goal
+from hybrid_sysid_ros.extensions.commander.language.values import Values
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
+from hybrid_sysid_ros.support.errors import UserError
+
+BIT = 0.05
+"""Of half the set-points' range, by which "up a bit" changes them."""
+
+
+class Goals(Values):
+    """Takes the values of one clause that a move goes to."""
+
+    verb: str
+
+    def goals(self) -> tuple[Goal, ...]:
+        """All values that are left."""
+        sign, found = self.direction(), []
+        together = any(item.role == "to" for item in self.left)  # "up to 400 m and 15 m/s"
+        after = {"by"} if sign or self.verb in ("go", "step", "ramp") else set()
+        for item in [each for each in self.left if each.role in {"", "to", "at", *after}]:
+            if item.base in (TIME, FREQUENCY, COUNT) or item.kind in ("amplitude", "frequency", "period"):
+                continue
+            self.left.remove(item)
+            found.append(self.goal(replace(item, role=item.role or "to") if together else item, sign))
+        found += self.shares(sign)
+        if not found and sign and self.clause.bit:
+            output = self.only(self.clause.targets, self.clause.bit)
+            shown = self.vocabulary.outputs[output]
+            found = [Goal(output=output, value=sign * BIT * 0.5 * (shown.high - shown.low), relative=True)]
+            self.clause.bit = ""
+        self.clause.directions = []
+        if not found:
+            raise UserError(f"{self.verb} to where? say for example '{self.verb} to 1 {self.example}'")
+        if self.clause.bit and found:
+            raise UserError(f"{self.clause.bit!r} and a value contradict one another: leave one out")
+        if len({goal.output for goal in found}) < len(found):
+            raise UserError(f"{self.verb} has several values of one output: join them by 'then'")
+        if unused := [k for k in self.clause.targets if k not in {goal.output for goal in found}]:
+            raise UserError(f"{self.vocabulary.outputs[unused[0]].name} to what? say a value of it")
+        return tuple(found)
+
+    def goal(self, item: Quantity, sign: float) -> Goal:
+        output = self.output(item)
+        if sign and item.role == "at":
+            raise UserError(f"{item.text!r}: to that value, or by it? say 'to' or 'by' instead of 'at'")
+        travels = self.vocabulary.units_of(output)[0].per == 0
+        if self.clause.displacing and not sign and item.role == "" and travels:
+            said = f"{self.clause.displacing} {item.text}"
+            raise UserError(f"{said!r}: to that value, or by it? say 'to {item.text}' or 'by {item.text}'")
+        relative = item.role == "by" or (sign != 0.0 and item.role != "to")
+        if relative and item.base == PERCENT:
+            shown = self.vocabulary.outputs[output]
+            change = 0.01 * abs(item.value)
+            half = change * 0.5 * (shown.high - shown.low)
+            factor = 1.0 + (sign or 1.0) * change
+            raise UserError(
+                f"{item.value:g} % of what it is now, or of the range? say 'to {100.0 * factor:g} % of its present "
+                f"value', or 'by {half:.4g} {shown.unit}'"
+            )
+        if relative and sign and item.value < 0.0:
+            raise UserError(f"{item.text}: a direction and a sign contradict one another: leave one out")
+        value = (sign or 1.0 if relative else 1.0) * self.value(item, output, relative)
+        return Goal(output=output, value=value, relative=relative, toward=sign)
+
+    def shares(self, sign: float) -> list[Goal]:
+        """Factors of the present value or of the range."""
+        found = []
+        for share in self.clause.shares:
+            output = self.only(self.clause.targets, share.text)
+            shown = self.vocabulary.outputs[output]
+            factor = share.factor
+            halving = not share.of and any(symbol.text == share.word for symbol in self.clause.verbs)
+            if not halving and (share.role == "by" or (sign and share.role == "")):
+                if not share.of and share.factor > 1.0:
+                    raise UserError(f"{share.text!r} of what? say 'double it', or by how much")
+                factor = 1.0 + (sign or 1.0) * factor
+                if share.of == "range":
+                    change = (sign or 1.0) * share.factor * 0.5 * (shown.high - shown.low)
+                    found.append(Goal(output=output, value=change, relative=True))
+                    continue
+            elif share.of == "range":
+                found.append(Goal(output=output, value=factor * shown.high, toward=sign))
+                continue
+            elif not share.of and not halving:
+                raise UserError(
+                    f"{share.text!r} of what it is now, or of the range? say 'halve it', or 'go to "
+                    f"{factor * shown.high:.4g} {shown.unit}'"
+                )
+            if factor < 0.0 and output not in self.vocabulary.of_kind("speed"):
+                raise UserError(f"{share.text!r}: {shown.name} is no speed: say 'go to' where")
+            found.append(Goal(output=output, value=factor, share=True))
+        self.clause.shares = []
+        return found
+
+    def only(self, targets: list[int], said: str) -> int:
+        """The output that was named, or the only one. Raises UserError where that leaves several."""
+        candidates = targets or [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
+        if len(set(candidates)) != 1:
+            raise UserError(f"{said!r} of which output? name one of {self.vocabulary.steered}")
+        return candidates[0]
+
+    def direction(self) -> float:
+        """1, -1, or 0 where none was said. Raises UserError for two."""
+        signs = {symbol.value for symbol in self.clause.directions}
+        if len(signs) > 1:
+            raise UserError("up and down contradict one another: leave one out")
+        return signs.pop() if signs else 0.0
