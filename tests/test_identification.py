@@ -214,9 +214,9 @@ def test_a_record_is_resampled_once_in_a_fit(linear_records, rig, structure, mon
     pytest.importorskip("sysidentpy" if structure in ("narx", "residual") else "numpy")
     plain, names = experiment.rates, []
 
-    def rates(record):
+    def rates(record, *others):
         names.append(record.name)
-        return plain(record)
+        return plain(record, *others)
 
     monkeypatch.setattr(experiment, "rates", rates)
     identify(linear_records[:2], rig, structure, sampling=Sampling(), part=Part(stop=0.3))

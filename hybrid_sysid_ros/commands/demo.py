@@ -129,7 +129,7 @@ def demo(
     ]
     section = report.closed_loop_section(loop, described)
     run = report.RunSummary.of(
-        diagnostics, described, bag=bag, section=section, flown={"model": model_folder, "policy": policy_folder}
+        diagnostics, described, bag=bag, section=section, folders={"model": model_folder, "policy": policy_folder}
     )
     summary = {
         "identification": _identified(model, records, described),

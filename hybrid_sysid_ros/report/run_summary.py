@@ -49,7 +49,7 @@ class RunSummary:
     restarts: int = 0
     """How often the controller was started again: what it counts is of the last one."""
     bag: Path | None = None
-    flown: Mapping[str, str] = field(default_factory=dict)
+    folders: Mapping[str, str] = field(default_factory=dict)
     """What estimator and controller had in the loop, its model and its policy, by name and seal."""
 
     @classmethod
@@ -61,10 +61,10 @@ class RunSummary:
         bag: Path | None = None,
         section: ClosedLoopSection | None = None,
         lockstep: bool = False,
-        flown: Mapping[str, Path] | None = None,
+        folders: Mapping[str, Path] | None = None,
     ) -> RunSummary:
-        """diagnostics: the last values by node and key. section: of the bag, where that was read. flown: folders of the
-        model and of the policy.
+        """diagnostics: the last values by node and key. section: of the bag, where that was read. folders: those of
+        the model and of the policy.
         """
         plant, controller = diagnostics.get("plant", {}), diagnostics.get("controller", {})
         untracked = cls.untracked
@@ -85,7 +85,7 @@ class RunSummary:
             share=None if section is None else section.share,
             restarts=controller.get("restarts", 0),
             bag=bag,
-            flown={name: f"{folder} (SHA-256 {sha256(folder)[:SEAL]})" for name, folder in (flown or {}).items()},
+            folders={name: f"{folder} (SHA-256 {sha256(folder)[:SEAL]})" for name, folder in (folders or {}).items()},
         )
 
     @property
@@ -117,7 +117,7 @@ class RunSummary:
             "missed": f"{self.missed} of {self.measurements} commands: {self._judgement}",
             "layers": (", ".join(shares) or "no command") + last,
             "failsafe": (", ".join(times) or "never") + last,
-            **{f"{name} that flew": words for name, words in self.flown.items()},
+            **{f"{name} used": words for name, words in self.folders.items()},
             "bag": str(self.bag or "none"),
         }
 
@@ -133,7 +133,7 @@ class RunSummary:
             "failsafe": dict(self.failsafe),
             "tracking_share": None if self.share is None else round(self.share, 4),
             "controller_restarts": self.restarts,
-            "flown": dict(self.flown),
+            "folders": dict(self.folders),
         }
 
     @property

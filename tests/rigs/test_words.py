@@ -15,8 +15,13 @@ ANYBODYS = {"joint", "motor", "wheel", "string", "coulomb", "hysteretic", *struc
 
 OWN = {*RIGS, ROOT / "hybrid_sysid_ros" / "trained"}
 APART = {"__pycache__", "docs", "tests"}
-OF_THE_SI = ROOT / "hybrid_sysid_ros" / "extensions" / "commander" / "language" / "units.py"
-"""Names every unit, whoever uses it."""
+PACKAGE = ROOT / "hybrid_sysid_ros"
+OF_THE_SI = {
+    PACKAGE / "rigs" / "units.py",
+    PACKAGE / "extensions" / "importing" / "guessing.py",
+    *(PACKAGE / "extensions" / "commander" / "language" / "words").glob("*.yaml"),
+}
+"""Name every unit, whoever uses it."""
 TEXT = {".py", ".yaml", ".toml", ".cfg", ".xml", ".html", ".md", ".json", ".txt", ""}
 SEARCHED = [
     "hybrid_sysid_ros",
@@ -35,7 +40,7 @@ def files():
         start = ROOT / name
         for path in sorted(start.rglob("*")) if start.is_dir() else [start]:
             own = OWN.intersection(path.parents) or APART.intersection(path.relative_to(ROOT).parts)
-            if path.is_file() and path.suffix in TEXT and not own and path != OF_THE_SI:
+            if path.is_file() and path.suffix in TEXT and not own and path not in OF_THE_SI:
                 yield path
 
 

@@ -28,6 +28,9 @@ which the scale is wrong whatever the correlation."""
 LONGEST_LAG = 0.4
 """Longest delay that is looked for [s], or as many steps as the signal needs for a change, where that is more."""
 STEP = 0.005
+PUSH, UNSTABLE = 1e-6, 1e3
+"""Share of a first state by which a second run begins elsewhere, and growth of the runs' distance that only an unstable
+rig shows: a free run of such a rig says nothing of its record."""
 COHERENT = 0.35
 """Coherence below which an output hardly follows the inputs, whatever the rig's parameters are. A fit is not blocked,
 since a law that folds, such as an absolute speed, shows none either."""
@@ -46,7 +49,7 @@ class Alignment:
 
 def expected_outputs(record: Record, rig: Rig) -> Array | None:
     """What the rig's own physics make of the record's inputs, (samples, outputs); None where they grow beyond all
-    numbers, or the record is too short.
+    numbers, forget where they began as an unstable rig does, or the record is too short.
     """
     period = record.sampling_time
     step = period / max(1, round(period / max(STEP, rig.step)))
@@ -56,12 +59,19 @@ def expected_outputs(record: Record, rig: Rig) -> Array | None:
         return None
     starts = np.array([[0, 0, experiment.samples, 0]], dtype=np.int64)
     every = experiment.sampling.every
-    with np.errstate(all="ignore"):
-        _, outputs = rollouts(
-            rig.system, starts, experiment.states[:1].copy(), experiment.inputs, step=step, every=every
-        )
-    found = np.asarray(outputs).reshape(-1, record.output.shape[1])[: record.samples]
-    return found if np.isfinite(found).all() and len(found) == record.samples else None
+
+    def run(state: Array) -> Array:
+        with np.errstate(all="ignore"):
+            _, outputs = rollouts(rig.system, starts, state[None], experiment.inputs, step=step, every=every)
+        return np.asarray(outputs).reshape(-1, record.output.shape[1])[: record.samples]
+
+    first = experiment.states[0]
+    push = PUSH * np.maximum(np.abs(experiment.states).max(axis=0), PUSH)
+    found, pushed = run(first.copy()), run(first + push)
+    if not (np.isfinite(found).all() and np.isfinite(pushed).all() and len(found) == record.samples):
+        return None
+    distance = np.abs(pushed - found).max(axis=1)
+    return found if distance[-1] < UNSTABLE * max(distance[: max(len(distance) // 50, 2)].max(), 1e-300) else None
 
 
 def changes(values: Array, apart: int) -> Array:

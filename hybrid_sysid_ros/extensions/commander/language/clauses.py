@@ -213,9 +213,9 @@ class _Matcher:
         quantities = [symbol.value for symbol in part if symbol.kind == "Q"]
         output = self.named([symbol for symbol in part if symbol.kind in "KO"], needed=slot not in ("rate",))
         noun = next((str(symbol.value) for symbol in part if symbol.kind in "Kakfq"), "")
-        if slot == "in_or_to":  # Portuguese "em": "em 2 s", "aumente em 2 V"
+        if slot == "in_or_to":  # Portuguese "em": "em 2 s", "aumente em 2 m"
             slot = "in" if self.is_time(quantities[0][1]) else "by" if made.directions else "to"
-        if slot == "for_or_by":  # Portuguese "por": "por 2 s", "aumente por 2 V"
+        if slot == "for_or_by":  # Portuguese "por": "por 2 s", "aumente por 2 m"
             slot = "for" if quantities[0][1] is None or quantities[0][1].base in (TIME, COUNT) else "by"
         if slot == "condition":
             reached = self.quantity(quantities[0], "to", text, output=output) if quantities else None

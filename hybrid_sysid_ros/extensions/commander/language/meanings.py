@@ -158,7 +158,7 @@ class Meaning(Goals):
         if clause.directions:
             raise UserError(f"hold takes no direction: say 'go {clause.directions[0].text}', or where to hold")
         times = [item for item in self.left if item.base == TIME and item.role not in ("in", "within")]
-        if times and self.behind and times == self.left:  # "go to 1 V, hold 2 s"
+        if times and self.behind and times == self.left:  # "go to 1 m, hold 2 s"
             self.left = []
             return self.stay(self.time(times[0]))
         if times:

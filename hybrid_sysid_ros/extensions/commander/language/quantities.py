@@ -111,7 +111,7 @@ class QuantityReader:
         )
 
     def article_for_one(self) -> bool:
-        """Whether "a volt" says one volt; the article is taken."""
+        """Whether "a metre" says one metre; the article is taken."""
         if (self.word(),) not in self.lexicon.parts["articles"] or self.word() not in ("a", "an", "um", "uma"):
             return False
         if self.longest(self.lexicon.units, skip=1) or (
@@ -122,7 +122,7 @@ class QuantityReader:
         return False
 
     def share_of_a_unit(self) -> float:
-        """Half of "half a volt" or "a quarter turn", which is taken; 0 where there is none."""
+        """Half of "half a metre" or "a quarter turn", which is taken; 0 where there is none."""
         start = self.at
         for category in ("half", "third", "quarter"):
             phrases = {tuple(phrase.split()) for phrase in self.lexicon.table[category]}

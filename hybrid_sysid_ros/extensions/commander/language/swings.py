@@ -63,7 +63,7 @@ class SwingMeaning:
             ends = [item for item in values.left if item.role in ("between", "range") and FREQUENCY in self.bases(item)]
             if len(ends) != 2:
                 raise UserError(
-                    "chirp over which frequencies? say 'chirp from 0.1 to 2 Hz with an amplitude of 1 V for 20 s'"
+                    "chirp over which frequencies? say 'chirp from 0.1 to 2 Hz with an amplitude of 1 for 20 s'"
                 )
             for item in ends:
                 values.left.remove(item)

@@ -215,7 +215,7 @@ class _Reader(QuantityReader):
         return count if any(kind == "K" for kind, _ in meanings) else 0
 
     def condition(self) -> bool:
-        """A condition such as "once it is still" or "when it reaches 3 V"."""
+        """A condition such as "once it is still" or "when it reaches 3 m"."""
         parts = self.lexicon.parts
         count = self.longest(parts["once"])
         if not count:
@@ -238,7 +238,7 @@ class _Reader(QuantityReader):
             return True
         if tuple(self.words[self.at : self.at + begin]) in self.lexicon.meanings:
             return False
-        raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1 V' or 'in 5 s'")
+        raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1' or 'in 5 s'")
 
 
 class UnknownWordError(UserError):

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding, sentence
-from hybrid_sysid_ros.extensions.record_check.report.record_page import write_records
+from hybrid_sysid_ros.extensions.record_check.report.record_page import write_record_page
 from hybrid_sysid_ros.library.records import checked_bag
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -68,7 +68,7 @@ def command(
             {f"bag {one.name}": one.digest for one in records},
         )
         provenance = reports.Provenance(command=made_by, hashes=hashes, versions=versions())
-        write_records(report, described, records, by_name, provenance)
+        write_record_page(report, described, records, by_name, provenance)
         status.print(str(report))
     if any(item.blocks for findings in found.values() for item in findings):
         raise typer.Exit(1)

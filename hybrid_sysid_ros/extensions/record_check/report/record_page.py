@@ -12,7 +12,7 @@ from hybrid_sysid_ros.report.sections import Provenance
 from hybrid_sysid_ros.rigs.rig import Rig
 
 
-def write_records(
+def write_record_page(
     path: Path, rig: Rig, records: Sequence[Record], found: Mapping[str, list[RecordFinding]], provenance: Provenance
 ) -> Path:
     """Write the page. found: findings by the names of the records.
