@@ -117,8 +117,8 @@ class Clause:
     here: str = ""
     bit: str = ""
     smoothly: bool = False
-    displacing: str = ""
-    """A verb of moving, which leaves open whether a value is a place or a change."""
+    displacing: Symbol | None = None
+    """A verb of moving, which leaves open whether a value is a place or a change; "change" does with a speed, too."""
     wish: bool = False
     """Whether "I want" or "give me" was said, which asks for the value behind it."""
 
@@ -180,7 +180,9 @@ class _Matcher:
         self.part, self.vocabulary = part, vocabulary
         self.made = Clause()
         self.output: int | None = None
-        """That was named last, and has no value yet."""
+        """That was named last."""
+        self.waiting = False
+        """Whether it has no value yet."""
         self.noun = ""
 
     def clause(self) -> Clause:
@@ -190,12 +192,23 @@ class _Matcher:
             for slot, pattern in _COMPILED:
                 match = pattern.match(letters, at)
                 if match and match.end() > at and not (slot == "object" and at):
-                    self.slot(slot, self.part[at : match.end()], letters[at : match.end()])
-                    at = match.end()
+                    end = self.end(slot, match)
+                    self.slot(slot, self.part[at:end], letters[at:end])
+                    at = end
                     break
             else:
                 raise UserError(self.without_meaning(at))
         return self.made
+
+    def end(self, slot: str, match: re.Match[str]) -> int:
+        """Where a match ends: a name behind a value is not its own where another one stands before it ("height 300 m,
+        speed 10 m/s"). Raises UserError for a condition that would have to last.
+        """
+        if slot == "condition" and match.string[match.end() :][:2] in ("RQ", "rQ"):
+            raise UserError("how long a condition lasts is not watched: say 'once it is still, wait 5 s, then go to 0'")
+        if not self.waiting or "Q" not in match[0] or match[0][-1] not in "KO":
+            return match.end()
+        return match.start() + match[0].index("Q") + 1
 
     def without_meaning(self, at: int) -> str:
         symbol = self.part[at]
@@ -236,7 +249,7 @@ class _Matcher:
                 raise UserError(f"{made.delay.text} and {text} contradict one another: leave one out")
             made.delay = self.quantity(quantities[0], "for", text)
         elif slot == "target":
-            self.output, self.noun = output, noun
+            self.output, self.noun, self.waiting = output, noun, True
             made.targets += [output] if output is not None else []
         elif quantities:
             role = {"plain": "", "rate": "at"}.get(slot, slot)
@@ -267,7 +280,7 @@ class _Matcher:
         elif slot == "bit":
             made.bit = text
         elif slot == "displacing":
-            made.displacing = text
+            made.displacing = part[0]
         elif slot == "wish":
             made.wish = True
         elif slot == "object" and self.made.empty and len(self.part) == 1:
@@ -298,6 +311,7 @@ class _Matcher:
     ) -> Quantity:
         """One, of the output that was named with it or last."""
         value, unit = said
+        self.waiting = False
         taken = output if output is not None else self.output
         return Quantity(value=value, unit=unit, role=role, text=text, kind=kind or self.noun, output=taken)
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import Quantity
 from hybrid_sysid_ros.extensions.commander.language.commands import Goal
+from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.values import Values
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 BIT = 0.05
 """Of half the set-points' range, by which "up a bit" changes them."""
+
+BEFORE = re.compile(r"^(?:(?:of|de|plus|mais)\s+|\+)+", re.IGNORECASE)
+"""What may stand before a value, but not behind "to"."""
 
 
 class Goals(Values):
@@ -50,10 +55,11 @@ class Goals(Values):
         output = self.output(item)
         if sign and item.role == "at":
             raise UserError(f"{item.text!r}: to that value, or by it? say 'to' or 'by' instead of 'at'")
-        travels = self.vocabulary.units_of(output)[0].per == 0
-        if self.clause.displacing and not sign and item.role == "" and travels:
-            said = f"{self.clause.displacing} {item.text}"
-            raise UserError(f"{said!r}: to that value, or by it? say 'to {item.text}' or 'by {item.text}'")
+        if not sign and item.role == "" and self.open(item, output):
+            verb = self.clause.displacing
+            said = f"{verb.text} {item.text}" if verb else item.text
+            bare = BEFORE.sub("", item.text)
+            raise UserError(f"{said!r}: to that value, or by it? say 'to {bare}' or 'by {bare}'")
         relative = item.role == "by" or (sign != 0.0 and item.role != "to")
         if relative and item.base == PERCENT:
             shown = self.vocabulary.outputs[output]
@@ -68,6 +74,13 @@ class Goals(Values):
             raise UserError(f"{item.text}: a direction and a sign contradict one another: leave one out")
         value = (sign or 1.0 if relative else 1.0) * self.value(item, output, relative)
         return Goal(output=output, value=value, relative=relative, toward=sign)
+
+    def open(self, item: Quantity, output: int) -> bool:
+        """Whether a bare value could be a place or a change: behind a verb of moving, or with a plus."""
+        verb = self.clause.displacing
+        if verb is not None and (verb.value == "change" or self.vocabulary.units_of(output)[0].per == 0):
+            return True
+        return item.text.startswith("+") or folded(item.text.split()[0]) in ("plus", "mais", "menos")
 
     def shares(self, sign: float) -> list[Goal]:
         """Factors of the present value or of the range."""

@@ -62,10 +62,13 @@ class Lexicon:
             self._enter(found, category, (("S", factor),))
         for category, factor in {"halve": 0.5, "doubled": 2.0, "reversed": -1.0}.items():
             self._enter(found, category, (("V", "go"), ("S", factor)))
-        self._enter(found, "displace", (("y", "displace"), ("V", "go")))
-        self._enter(found, "ease", (("V", "go"), ("C", "slowly")))
         for category in VERBS:
             self._enter(found, category, (("V", category),))
+        for category in ("displace", "change"):
+            self._enter(found, category, (("y", category), ("V", "go")))
+        for category in ("step", "ramp"):
+            self._enter(found, category, (("y", "change"), ("V", category)))
+        self._enter(found, "ease", (("V", "go"), ("C", "slowly")))
         for category, sign in {"raise": 1.0, "lower": -1.0}.items():
             self._enter(found, category, (("V", "go"), ("U", sign)))
         for category, sign in {"climb": 1.0, "sink": -1.0}.items():

@@ -54,7 +54,7 @@ class Meaning(Goals):
                 found.remove(general)
         if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
             found.remove("go")
-        if found == ["follow"] and not clause.names and self.left:
+        if found == ["follow"] and not clause.names and (self.left or clause.directions or clause.comparatives):
             found = ["go"]  # "run at 100 rpm"
         if not found and clause.names:
             found = ["look" if is_picture(clause.names[0]) else "follow"]

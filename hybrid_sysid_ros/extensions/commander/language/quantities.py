@@ -165,12 +165,24 @@ class QuantityReader:
             and (self.words[self.at + 1] in numbers or self.tokens[self.at + 1].kind == "number")
         ):
             self.at += 1
-            decimals = ""
-            while self.at < len(self.tokens) and (self.word() in numbers or self.tokens[self.at].kind == "number"):
-                said = numbers[self.word()] if self.word() in numbers else self.tokens[self.at].text
-                decimals, self.at = decimals + str(said), self.at + 1
-            value += float(f"0.{decimals}") if decimals.isdigit() else math.nan
+            value += self.decimals()
         return value
+
+    def decimals(self) -> float:
+        """Behind a point: digits one by one, or one number ("twenty five"). Raises UserError for others."""
+        numbers, said = self.lexicon.table["numbers"], list[str]()
+        while self.at < len(self.tokens) and (self.word() in numbers or self.tokens[self.at].kind == "number"):
+            said.append(str(numbers[self.word()]) if self.word() in numbers else self.tokens[self.at].text)
+            self.at += 1
+            ahead = self.words[self.at : self.at + 2]
+            tens = len(said) == 1 and len(said[0]) == 2 and said[0].endswith("0")
+            if tens and len(ahead) == 2 and ahead[0] in ("and", "e") and 0 < numbers.get(ahead[1], 0) < 10:
+                self.at += 1
+            if tens and 0 < numbers.get(self.word(), 0) < 10:
+                said, self.at = [said[0][0] + str(numbers[self.word()])], self.at + 1
+        if not all(part.isdigit() for part in said) or (len(said) > 1 and any(len(part) > 1 for part in said)):
+            raise UserError(f"decimals {' '.join(said)!r}: say them digit by digit")
+        return float(f"0.{''.join(said)}")
 
     def _fits(self, before: float, value: float) -> bool:
         """Whether a number may come behind another one as a part of it."""

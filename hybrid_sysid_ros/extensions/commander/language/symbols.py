@@ -202,7 +202,7 @@ class _Reader(QuantityReader):
         return (
             own.kind == "!"
             and before in ("", ";", "j")
-            and bool(self.lexicon.meanings.get((self.word(),), ((" ",),))[0][0] == "V")
+            and any(kind == "V" for kind, _ in self.lexicon.meanings.get((self.word(),), ()))
         )
 
     def _noun(self, skip: int) -> int:

@@ -67,9 +67,14 @@ class Values:
         if item.unit is None or item.unit.base in (TIME, FREQUENCY, COUNT):
             return False
         goals = [each for each in self.left if each is not item and each.role in ("", "to", "by")] or self.clause.shares
-        return any(
-            item.unit.alike(unit.rate) for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)
-        ) and bool(goals)
+        units = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
+        if not goals or not any(item.unit.alike(unit.rate) for unit in units):
+            return False
+        if any(item.unit.alike(unit) for unit in units):
+            raise UserError(
+                f"{item.text!r}: how fast, or a value of its own? say 'in' how many seconds, or 'and to' a value"
+            )
+        return True
 
     def output(self, item: Quantity) -> int:
         """Which output a quantity is of: as it was named, or the only one that has such a unit."""
