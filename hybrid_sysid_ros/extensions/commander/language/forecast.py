@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.controller import Status
-from hybrid_sysid_ros.extensions.commander.language.plan import JUMP
+from hybrid_sysid_ros.extensions.commander.language.draft import JUMP
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
