@@ -362,4 +362,5 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "go 2 V", Refused("to that value, or by it")),
     (BEAM, "ramp 2 V in 4 s", Refused("to that value, or by it")),
     (BEAM, "step to 1 V, then 2 V", [step(1), step(2)]),
+    (BEAM, "when it is above 1 V go to 0", Refused("say")),  # which may be so already: "reaches" is a crossing
 ]
