@@ -7,13 +7,12 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from threading import Event, Lock, RLock, Thread, get_ident
+from threading import Lock, RLock, Thread
 from time import monotonic, monotonic_ns
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from rclpy.client import Client
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -23,6 +22,7 @@ from hybrid_sysid_ros.extensions.commander.language.interpreter import PATIENCE,
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, stop_in
 from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import ConfiguredInterpreter, give_way
+from hybrid_sysid_ros.extensions.commander.nodes.controller_services import ControllerServices
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import SUBSCRIBES, LoopMonitor
 from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import PlanWriter
 from hybrid_sysid_ros.extensions.commander.nodes.waiting_commands import AwaitedCommand, ReadyCommand
@@ -37,7 +37,6 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LOOK_PERIOD = 0.05  # s, between two looks how far a plan is
 WAITING = 60.0  # s, that a plan waits to be confirmed
-ANSWER_TIMEOUT = 2.0  # s, for an answer of the controller
 JUST = 0.5  # s, that the beginning of a plan may take
 
 
@@ -71,12 +70,9 @@ class CommanderNode(RigNode):
         self._lock = RLock()
         """Nothing begins between a stop and what it drops."""
         super().__init__(**options)
-        self.stopper, self.latcher, self.enabler = (self._caller(name) for name in ("stop", "estop", "enable"))
+        self.controller = ControllerServices(self)
         self.create_service(Trigger, "~/stop", self.on_stop)
         self.create_service(SetBool, "~/arm", self.on_arm)
-
-    def _caller(self, service: str) -> Client:
-        return self.create_client(Trigger, f"controller/{service}")
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
         return {"home": partial(self.obey, "home"), "confirm": self.confirm}
@@ -225,7 +221,7 @@ class CommanderNode(RigNode):
         if not self.set_points.get_subscription_count():
             raise UserError("no reference node is there to follow a plan: start one")
         if self.stopped:
-            self.call(self.enabler)
+            self.controller.call(self.controller.enabler)
         self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)  # before anything moves
         self.set_points.publish(self.writer.set_point(plan))
         self.stopped = self.staying = False
@@ -304,9 +300,9 @@ class CommanderNode(RigNode):
         controller.
         """
         self.turn += 1
-        stopper = self.latcher if emergency else self.stopper
+        stopper = self.controller.latcher if emergency else self.controller.stopper
         try:
-            self.call(stopper)
+            self.controller.call(stopper)
         finally:
             with self._lock:
                 started = self.running is not None and monotonic() - self.running.since < JUST
@@ -314,7 +310,7 @@ class CommanderNode(RigNode):
                 self.armed, self.stopped, self.checking = False, True, ""
                 self.ready = self.running = self.awaited = None
         if started:  # which may have enabled the controller after that
-            self.call(stopper)
+            self.controller.call(stopper)
         if self.active:
             latched = ", and the controller until it is reset and armed" if emergency else ""
             words = f"stopped: the inputs go to rest; the commander is disarmed{latched}"
@@ -326,22 +322,6 @@ class CommanderNode(RigNode):
         with suppress(UserError):  # without estimates nothing says where that is
             here = self.monitor.shown_outputs()
             self.set_points.publish(self.writer.set_point(ReferencePlan(times=np.zeros(1), values=here[None])))
-
-    def call(self, client: Client) -> None:
-        """Call a service of the controller and wait for its answer, where another thread hears it. Raises UserError
-        where there is no controller, or it refuses.
-        """
-        if not client.service_is_ready():
-            raise UserError(f"no controller is there that answers {client.srv_name}")
-        answered = Event()
-        future = client.call_async(Trigger.Request())
-        future.add_done_callback(lambda _: answered.set())
-        if self.thread in (None, get_ident()):
-            return  # this thread hears the answer itself, later
-        if not answered.wait(ANSWER_TIMEOUT):
-            raise UserError(f"the controller does not answer for {ANSWER_TIMEOUT:g} s")
-        if not future.result().success:
-            raise UserError(f"controller: {future.result().message}")
 
     def on_arm(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         """From now on plans that pass are carried out at once, or wait to be confirmed."""

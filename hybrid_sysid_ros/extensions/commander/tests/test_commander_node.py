@@ -170,7 +170,7 @@ def test_an_emergency_stays_until_the_controller_is_reset_and_armed(loop: Loop) 
 def test_stop_works_while_the_commander_is_not_configured(bench: Bench) -> None:
     controller = bench.start(ControllerNode, policy="exact", lockstep=True, latency=0.0)
     commander = bench.start(CommanderNode, autostart=False)
-    bench.until(commander.stopper.service_is_ready)
+    bench.until(commander.controller.stopper.service_is_ready)
     client = bench.probe.create_client(Trigger, "commander/stop")
     bench.until(client.service_is_ready)
     client.call_async(Trigger.Request())
