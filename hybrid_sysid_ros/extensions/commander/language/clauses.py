@@ -166,7 +166,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
 
 
 def _waits(part: Sequence[Symbol], verb: Symbol, following: str) -> bool:
-    """Whether a verb needs no mark before it, which a transcript has none of: "go to 2 V wait 3 s go to 0"."""
+    """Whether a verb needs no mark before it, which a transcript has none of: "go to 2 m wait 3 s go to 0"."""
     before = [symbol.value for symbol in part if symbol.kind == "V"]
     if verb.kind not in "Vy" or not before or not any(symbol.kind == "Q" for symbol in part):
         return False
@@ -259,7 +259,7 @@ class _Matcher:
         elif slot == "verb":
             made.verbs.append(part[0])
         elif slot == "direction":
-            if made.quantities and made.quantities[-1].role == "to":  # "go to 2 V more"
+            if made.quantities and made.quantities[-1].role == "to":  # "go to 2 m more"
                 said = f"{made.quantities[-1].text} {text}"
                 raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by', and leave out {text!r}")
             made.directions.append(part[0])

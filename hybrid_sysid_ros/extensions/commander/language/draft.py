@@ -56,7 +56,7 @@ class Draft:
         output = self.outputs[k]
         about = self.vocabulary.rig.system.operating_point.get(output.name)
         in_all = f" ({about / output.scale + self.here[k]:.6g} {output.unit} in all)" if about else ""
-        return f"{shown(self.here[k], output)}{in_all}"
+        return f"{with_unit(self.here[k], output)}{in_all}"
 
     def home(self, command: Home) -> None:
         goals = tuple(Goal(output=k, value=0.0) for k in self.vocabulary.tracked)
@@ -110,24 +110,24 @@ class Draft:
         of_speed = self.vocabulary.units_of(goal.output)[1].per > 0
         from_rest = of_speed and output.name not in self.vocabulary.rig.system.operating_point
         if from_rest and goal.relative and goal.toward < 0.0 and value < 0.0 <= here:
-            less = shown(abs(goal.value), output)
+            less = with_unit(abs(goal.value), output)
             raise UserError(
-                f"{output.name} is {shown(here, output)}, and less by {less} turns it around: say 'go to "
-                f"{shown(value, output)}' if you mean it"
+                f"{output.name} is {with_unit(here, output)}, and less by {less} turns it around: say 'go to "
+                f"{with_unit(value, output)}' if you mean it"
             )
         if goal.toward and from_rest and here < 0.0 and not goal.share:
-            change, now = goal.toward * abs(goal.value), f"{output.name} is {shown(here, output)}"
-            either = f"{shown(here + change, output)} or {shown(here - change, output)}"
+            change, now = goal.toward * abs(goal.value), f"{output.name} is {with_unit(here, output)}"
+            either = f"{with_unit(here + change, output)} or {with_unit(here - change, output)}"
             raise UserError(
                 f"{now}: do you mean {either}? say 'go to' one of them"
                 if goal.relative
-                else f"{now}, which is below 0: say 'go to {shown(goal.value, output)}'"
+                else f"{now}, which is below 0: say 'go to {with_unit(goal.value, output)}'"
             )
         if goal.toward and not goal.relative and not goal.share and goal.toward * (value - here) < 0.0:
             way = "below" if value < here else "above"
             raise UserError(
-                f"{shown(value, output)} is {way} the {shown(here, output)} of {output.name} now: say 'go to "
-                f"{shown(value, output)}' if you mean it"
+                f"{with_unit(value, output)} is {way} the {with_unit(here, output)} of {output.name} now: say 'go to "
+                f"{with_unit(value, output)}' if you mean it"
             )
         return value
 
@@ -150,7 +150,7 @@ class Draft:
                 asked, reached = abs(speed * change[k] / max(seconds, 1e-9)), self.ability.speed[k]
                 output = self.outputs[k]
                 raise UserError(
-                    f"{output.name} by {shown(change[k], output)} in {seconds:.3g} s asks for {asked:.4g} "
+                    f"{output.name} by {with_unit(change[k], output)} in {seconds:.3g} s asks for {asked:.4g} "
                     f"{per_second(output)}; the rig reaches {reached:.4g}: take {up(least)} s or more"
                 )
         return max(seconds, SHORTEST)
@@ -168,14 +168,14 @@ class Draft:
             about = self.vocabulary.rig.system.operating_point.get(output.name, 0.0) / output.scale
             counted = f", counted from {about:.6g} {output.unit}" if about else ""
             if about and output.low <= value - about <= output.high:
-                counted += f"; {value:.6g} {output.unit} in all are {shown(value - about, output)} here"
+                counted += f"; {value:.6g} {output.unit} in all are {with_unit(value - about, output)} here"
             raise UserError(
-                f"{output.name} of {shown(value, output)} is out of reach: stay within {output.low:.4g} and "
+                f"{output.name} of {with_unit(value, output)} is out of reach: stay within {output.low:.4g} and "
                 f"{output.high:.4g} {output.unit}{counted}"
             )
 
 
-def shown(value: float, output: SetPointRange) -> str:
+def with_unit(value: float, output: SetPointRange) -> str:
     """A value with its unit."""
     return f"{value:.4g} {output.unit}".rstrip()
 

@@ -106,7 +106,7 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
 
 
 def _carried(commands: Sequence[Command], before: Clause) -> list[Symbol]:
-    """The verbs of a part that count for the next one, too, as in "hold 1 m, then 2 m". After "up 1 V" the next value
+    """The verbs of a part that count for the next one, too, as in "hold 1 m, then 2 m". After "up 1 m" the next value
     could be a change or a place, so there is none.
     """
     last = commands[-1] if commands else None

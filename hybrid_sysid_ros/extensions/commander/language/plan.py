@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Goal, Home, Move, Swing, Wait
-from hybrid_sysid_ros.extensions.commander.language.draft import JUMP, Draft, down, per_second, shown
+from hybrid_sysid_ros.extensions.commander.language.draft import JUMP, Draft, down, per_second, with_unit
 from hybrid_sysid_ros.extensions.commander.language.files import columns
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan, needed
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
@@ -68,7 +68,7 @@ class _Plan(Draft):
             self.check_level(value, k)
         span, highest = abs(last - first), max(command.frequency, command.last_frequency or 0.0)
         if span == 0.0:
-            raise UserError(f"both ends are {shown(first, self.outputs[k])}: that is no swing; say hold")
+            raise UserError(f"both ends are {with_unit(first, self.outputs[k])}: that is no swing; say hold")
         if command.seconds > LONGEST:
             raise UserError(f"the plan takes {command.seconds:.4g} s: {LONGEST:g} s at most, say less or in parts")
         periods = command.seconds * highest
@@ -99,8 +99,8 @@ class _Plan(Draft):
         hertz = f"{command.frequency:.4g} Hz"
         hertz = f"{command.frequency:.4g} to {command.last_frequency:.4g} Hz" if command.last_frequency else hertz
         self.story.append(
-            f"{name} of {output.name} from {self.level(command.output)} between {shown(first, output)} and "
-            f"{shown(last, output)} at {hertz} for {command.seconds:.4g} s"
+            f"{name} of {output.name} from {self.level(command.output)} between {with_unit(first, output)} and "
+            f"{with_unit(last, output)} at {hertz} for {command.seconds:.4g} s"
         )
 
     def check_swing(self, k: int, span: float, frequency: float, shape: str) -> None:
@@ -114,7 +114,7 @@ class _Plan(Draft):
         if frequency > highest:
             output = self.outputs[k]
             raise UserError(
-                f"{output.name} over {shown(span, output)} at {frequency:.4g} Hz asks for {speed:.4g} "
+                f"{output.name} over {with_unit(span, output)} at {frequency:.4g} Hz asks for {speed:.4g} "
                 f"{per_second(output)} and {acceleration:.4g} {per_second(output)}^2: the rig reaches it up to "
                 f"{down(highest)} Hz, or take a smaller span"
             )
