@@ -101,6 +101,8 @@ def test_the_same_records_are_the_same_problem_wherever_they_lie(monkeypatch, co
 
 
 INTERRUPTED = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell's background jobs inherit as ignored
 from hybrid_sysid_ros import __main__
 from hybrid_sysid_ros.extensions.search.commands import search as search_command
 from hybrid_sysid_ros.extensions.search.tests.branin import OfBranin
