@@ -14,7 +14,7 @@ from hybrid_sysid_ros.bags.gaps import MOST_MISSING
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.sampling import JITTER, HeldMean
 from hybrid_sysid_ros.bags.series import SECOND
-from hybrid_sysid_ros.extensions.importing.grid import CleanStamps, SampleGrid, clean_stamps, grid_of
+from hybrid_sysid_ros.extensions.importing.grid import SAMPLES_PER_PIECE, CleanStamps, SampleGrid, clean_stamps, grid_of
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, rig_factor
 from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel
@@ -68,7 +68,10 @@ class _Conversion:
         measured &= known
         pieces = list(replace(self.grid, measured=measured).pieces())
         if not pieces:
-            raise UserError(f"{self.path}: no piece of the record is longer than its gaps; record it again")
+            raise UserError(
+                f"{self.path}: has {measured.sum()} samples, and nowhere {SAMPLES_PER_PIECE} without a long gap; "
+                "record it longer, or name other columns"
+            )
         found = []
         for number, piece in enumerate(pieces, 1):
             name = self.path.stem if len(pieces) == 1 else f"{self.path.stem}_{number}"

@@ -61,6 +61,11 @@ def clean_stamps(seconds: Array, what: str) -> CleanStamps:
     """
     rows = np.flatnonzero(np.isfinite(seconds))
     notes = []
+    if not len(rows):
+        raise UserError(
+            f"{what}: none of its {len(seconds)} values is a number, or a date such as 2024-01-31 10:00:00.5; name "
+            "another column, or give the period of the samples"
+        )
     if len(rows) < FEWEST:
         raise UserError(f"{what}: has {len(rows)} times: a record needs {FEWEST} or more")
     if lost := len(seconds) - len(rows):

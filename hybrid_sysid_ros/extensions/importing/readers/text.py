@@ -21,6 +21,9 @@ DELIMITERS = (";", "\t", ",", "|")
 MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None", "-", "inf", "-inf", "#N/A"]
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?$")
 _MOMENT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?")
+_APART = re.compile(r"\d\s+[-+]?\d")
+"""Two numbers with blanks between them."""
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}((,\d{3})+\.|(\.\d{3})+,)\d+$")
 _UNITED = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\])]*)[\])]$")
 
 
@@ -64,7 +67,9 @@ class TextFile(LogFile):
     def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
         if not self.form.delimiter:
             chosen = [self.form.names.index(name) for name in names]
-            table = np.loadtxt(self.path, skiprows=self.form.skipped, usecols=chosen, ndmin=2, encoding="latin-1")
+            table = np.loadtxt(
+                self.path, skiprows=self.form.skipped, usecols=chosen, ndmin=2, encoding="latin-1", converters=_number
+            )
             return dict(zip(names, table.T, strict=True))
         import polars
 
@@ -97,8 +102,9 @@ def form_of(lines: Sequence[str], path: Path) -> TextForm:
         first = next((k for k in range(len(rows)) if _begins(rows, k)), None)
         if first is None or (delimiter and len(rows[first]) < 2):
             continue
-        if delimiter == "," and _is_decimal(rows, first):
-            continue  # a single column with commas for decimal signs
+        if delimiter == "," and (_is_decimal(rows, first) or _are_apart(rows[first])):
+            continue  # columns apart by blanks, or a single one, with commas for decimal signs
+        _check_signs(rows, first, path)
         return _form(rows, first, delimiter, trailing)
     raise UserError(
         f"{path}: no row of numbers is found in its first {min(len(lines), MOST_LINES)} lines: is it a table?"
@@ -154,6 +160,31 @@ def _is_decimal(rows: list[list[str]], first: int) -> bool:
         and not any(len(row) == 2 for row in rows[:first])
         and all(row[-1].isdigit() and "." not in row[0] for row in data if any(row))
     )
+
+
+def _are_apart(row: list[str]) -> bool:
+    """Whether a row that is cut at its commas has two numbers in one cell."""
+    return any(_APART.search(cell) and not _MOMENT.match(cell) for cell in row)
+
+
+def _check_signs(rows: list[list[str]], first: int, path: Path) -> None:
+    """Raise UserError for signs between thousands, and for commas that are delimiters and decimal signs at once."""
+    if strange := next((cell for row in rows[first:] for cell in row if _THOUSANDS.match(cell)), ""):
+        raise UserError(f"{path}: {strange} has a sign between its thousands; export numbers without it")
+    names = next((row for row in reversed(rows[:first]) if len(row) > 1), [])
+    if 2 * len(names) == len(rows[first]):
+        raise UserError(
+            f"{path}: rows have {len(rows[first])} values under {len(names)} names: is the decimal sign the delimiter, "
+            "too? export it with semicolons between the columns"
+        )
+
+
+def _number(cell: str) -> float:
+    """The number in a cell; NaN where there is none."""
+    try:
+        return float(cell.replace(",", ".").lower().replace("d", "e"))
+    except ValueError:
+        return float("nan")
 
 
 def _cells(line: str, delimiter: str, trailing: bool) -> list[str]:

@@ -58,6 +58,7 @@ def status_of(answer: Answer) -> str:
         ("Made by a logger\nt;u;pos\nms;V;mrad", ";", True, 1000.0),
         ("# time drive position", " ", False, 1.0),
         ("t_ms\tU\tangle (mrad)", "\t", True, 1000.0),
+        ("time drive position", " ", True, 1.0),
     ],
 )
 def test_names_units_delimiters_and_decimal_signs_are_found(imported, tmp_path, header, delimiter, comma, unit):
@@ -81,6 +82,14 @@ def test_the_mapping_is_kept_and_used_again(imported, tmp_path):
     assert_same(read(tmp_path, "other"))
     strange = table(tmp_path / "strange.csv", "t,x,y", TIME, DRIVE, POSITION)
     refused(imported(strange), "has no column a, b, c", "another rig")
+
+
+def test_cells_without_a_number_are_missing_also_between_blanks(imported, tmp_path):
+    rows = [f"{t:.2f} {u:.6f} {y:.6f}" for t, u, y in zip(TIME, DRIVE, POSITION, strict=True)]
+    rows[50] = "0.50 - -"
+    (tmp_path / "log.txt").write_text("time drive position\n" + "\n".join(rows))
+    assert "1 of 400 values of position are missing" in status_of(imported(str(tmp_path / "log.txt")))
+    assert list(np.flatnonzero(~read(tmp_path).measured)) == [50]
 
 
 def test_doubled_missing_and_disordered_rows_are_repaired_by_name(imported, tmp_path):
@@ -146,6 +155,8 @@ def test_a_column_has_its_own_late_and_drifting_clock(imported, tmp_path):
         ((np.r_[TIME[:399], 1e9], DRIVE, POSITION), (), ("jumps by",)),
         ((np.repeat(TIME[:200] ** 2, 2), DRIVE, POSITION), (), ("twice, unevenly",)),
         ((TIME, np.full(400, np.nan), POSITION), (), ("holds no number",)),
+        ((np.full(400, np.nan), DRIVE, POSITION), (), ("none of its 400 values is a number",)),
+        ((TIME[:9], DRIVE[:9], POSITION[:9]), (), ("has 9 samples", "nowhere 20")),
     ],
 )
 def test_what_can_not_be_is_refused_in_a_line(imported, tmp_path, columns, arguments, words):
@@ -158,6 +169,8 @@ def test_files_that_are_no_tables_are_refused(imported, tmp_path):
     for name, content, words in (
         ("a.csv", b"", "empty"), ("a.csv", b"\0\1\2" * 99, "no text file"),
         ("a.csv", b"hello\nworld\n", "no row of numbers"), ("a.xyz", b"1", "no known kind"),
+        ("a.csv", b"t,u,y\n" + 9 * b"0,5,1,0,0,2\n", "6 values under 3 names"),
+        ("a.csv", b"t;u;y\n" + 9 * b"0.5;1,000.25;0.2\n", "1,000.25 has a sign between its thousands"),
     ):  # fmt: skip
         (tmp_path / name).write_bytes(content)
         refused(imported(str(tmp_path / name)), words)
