@@ -1,1 +1,1 @@
-"""The command that trims."""
+"""Commands that import records and make rigs of them."""

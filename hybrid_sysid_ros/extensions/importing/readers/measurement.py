@@ -130,7 +130,9 @@ class UlogFile(LogFile):
         from pyulog import ULog
 
         if path.stat().st_size * ULOG_SHARE > 8 * LARGEST:
-            raise UserError(f"{path}: is larger than what is read at once; cut it with ulog_info or ulog_params")
+            raise UserError(
+                f"{path}: is larger than what is read at once; turn the topics that you need into CSV by ulog2csv -m"
+            )
         self._data: dict[str, Array] = {}
         columns = []
         for topic in ULog(str(path)).data_list:
