@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 from hybrid_sysid_ros.models import structure_names
+from hybrid_sysid_ros.support.structured import read_mapping
 
 ROOT = Path(__file__).parents[2]
 RIGS = sorted(path.parent for path in (ROOT / "hybrid_sysid_ros" / "rigs").glob("[!_]*/system.py"))
@@ -21,7 +22,7 @@ OF_THE_SI = {
     PACKAGE / "extensions" / "importing" / "guessing.py",
     *(PACKAGE / "extensions" / "commander" / "language" / "words").glob("*.yaml"),
 }
-"""Name every unit, whoever uses it."""
+"""Name every unit, whoever uses it, but no rig."""
 TEXT = {".py", ".yaml", ".toml", ".cfg", ".xml", ".html", ".md", ".json", ".txt", ""}
 SEARCHED = [
     "hybrid_sysid_ros",
@@ -40,13 +41,16 @@ def files():
         start = ROOT / name
         for path in sorted(start.rglob("*")) if start.is_dir() else [start]:
             own = OWN.intersection(path.parents) or APART.intersection(path.relative_to(ROOT).parts)
-            if path.is_file() and path.suffix in TEXT and not own and path not in OF_THE_SI:
+            if path.is_file() and path.suffix in TEXT and not own:
                 yield path
 
 
+UNITS = re.compile(r"(?<![A-Za-z])(?i:volts?)(?![A-Za-z])|\[m?V\]|\d m?V\b|\bmV\b")
+
+
 @cache
-def pattern() -> re.Pattern[str]:
-    words = {*BAGS, "lecture", r"[mr]s_0\d", "volts?"}
+def names() -> re.Pattern[str]:
+    words = {*BAGS, "lecture", r"[mr]s_0\d"}
     for name in (*(path.name for path in RIGS), *STUDIES):
         parts = name.split("_")
         words |= {name, " ".join(parts), "-".join(parts), *parts}
@@ -55,27 +59,36 @@ def pattern() -> re.Pattern[str]:
         words |= set(re.findall(r"^class (\w+)", source, re.MULTILINE))
         structures = re.search(r"^STRUCTURES.*?= *\{(.*?)\}", source, re.MULTILINE | re.DOTALL)
         words |= set(re.findall(r'"(\w+)":', structures[1])) if structures else set()
+        spoken = read_mapping(path / "rig.yaml").get("names", {})
+        words |= {word for named in spoken.values() for others in named.values() for word in others}
     words = {word for word in words if word.lower() not in ANYBODYS}
-    named = rf"(?<![A-Za-z])(?i:{'|'.join(sorted(words))})(?![A-Za-z])"
-    return re.compile(rf"{named}|\[m?V\]|\d m?V\b|\bmV\b")
+    return re.compile(rf"(?<![A-Za-z])(?i:{'|'.join(sorted(words))})(?![A-Za-z])")
+
+
+def found_in(text: str, path: Path | None = None) -> bool:
+    """Whether a line of a file names a rig, or a unit of one."""
+    return bool(names().search(text) or (path not in OF_THE_SI and UNITS.search(text)))
 
 
 def test_the_words_of_rigs_are_found_where_they_are():
     """Or the other test says nothing."""
     assert len(RIGS) > 1
     for path in RIGS:
-        assert pattern().search((path / "rig.yaml").read_text(encoding="utf-8"))
+        assert found_in((path / "rig.yaml").read_text(encoding="utf-8"))
     assert len(list(files())) > 150
-    for text in ("a Beam", "cam_beam.yaml", "[V]", "10 mV", "beam_multisine", "ms_05", "flexible joint"):
-        assert pattern().search(text)
+    for text in ("a Beam", "cam_beam.yaml", "[V]", "10 mV", "beam_multisine", "ms_05", "flexible joint", "a viga"):
+        assert found_in(text)
     for text in ("came", "camera", "V = H P H'", "a joint", "ms_to"):
-        assert not pattern().search(text)
+        assert not found_in(text)
+    for path in OF_THE_SI:
+        assert found_in("the beam", path)
+        assert not found_in("volts", path)
 
 
 def test_no_file_outside_of_a_rig_s_folder_names_it():
     found = []
     for path in files():
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-            if pattern().search(line):
+            if found_in(line, path):
                 found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()}")
     assert found == []

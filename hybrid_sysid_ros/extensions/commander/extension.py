@@ -14,5 +14,8 @@ EXTENSION = Extension(
     },
     nodes={"commander": f"{HERE}.nodes.commander"},
     declarations=Path(__file__).with_name("nodes.yaml"),
-    provides={"companions": {"commander": f"{HERE}.companion:companion"}},
+    provides={
+        "companions": {"commander": f"{HERE}.companion:companion"},
+        "sections": {"names": f"{HERE}.language.vocabulary:spoken_names"},
+    },
 )

@@ -38,27 +38,27 @@ def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sente
     if not understood and said:
         return Sentence(text=text, commands=(), stops=True)
     if not understood:
-        found = refusals[_language(text)]
+        found = refusals[_language(text, vocabulary)]
         raise _foreign(found, text, vocabulary) if isinstance(found, UnknownWordError) else found
     if any(other != understood[0] for other in understood):
         raise UserError("this means one thing in English and another in Portuguese: say it in other words")
     return understood[0]
 
 
-def _known(text: str, language: str) -> tuple[int, int]:
+def _known(text: str, language: str, vocabulary: Vocabulary) -> tuple[int, int]:
     """How many of a text's words a language knows, and how many there are."""
-    words = re.findall(r"[^\W\d_]{2,}", folded(text))
-    return sum(word in lexicon(language).words for word in words), len(words)
+    words, known = re.findall(r"[^\W\d_]{2,}", folded(text)), lexicon(language).words.union(vocabulary.spoken[language])
+    return sum(word in known for word in words), len(words)
 
 
-def _language(text: str) -> str:
+def _language(text: str, vocabulary: Vocabulary) -> str:
     """That which knows most of a text's words."""
-    return max(LANGUAGES, key=lambda name: _known(text, name))
+    return max(LANGUAGES, key=lambda name: _known(text, name, vocabulary))
 
 
 def _foreign(refusal: UserError, text: str, vocabulary: Vocabulary) -> UserError:
     """A refusal, which says which languages are read where a text seems to be in none of them."""
-    known, count = _known(text, _language(text))
+    known, count = _known(text, _language(text, vocabulary), vocabulary)
     if count < 2 or known > 0.5 * count:
         return refusal
     example = vocabulary.outputs[vocabulary.tracked[0]].unit if vocabulary.tracked else ""

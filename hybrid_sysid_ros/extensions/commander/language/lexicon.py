@@ -107,7 +107,7 @@ class Lexicon:
     def words(self) -> frozenset[str]:
         """All single words that mean something somewhere."""
         phrases = [*self.meanings, *self.units, *(phrase for part in self.parts.values() for phrase in part)]
-        single = {*self.table["numbers"], *self.table["signs"], *self.table.get("names", ())}
+        single = {*self.table["numbers"], *self.table["signs"]}
         return frozenset(word for phrase in phrases for word in phrase) | single
 
     def longest(self, phrases: Any, words: Sequence[str]) -> int:

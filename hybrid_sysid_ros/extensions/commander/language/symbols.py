@@ -86,7 +86,8 @@ class _Reader(QuantityReader):
 
     def mend(self) -> None:
         """Put known words in the places of their slips. Raises UserError for a word that nothing resembles."""
-        known, numbers = self.lexicon.words | self.vocabulary.words, self.lexicon.table["numbers"]
+        known = self.lexicon.words | self.vocabulary.words(self.lexicon.name)
+        numbers = self.lexicon.table["numbers"]
         for k, (token, word) in enumerate(zip(self.tokens, self.words, strict=True)):
             if token.kind != "word" or word in known or self._follows(k):
                 continue
@@ -206,10 +207,10 @@ class _Reader(QuantityReader):
         )
 
     def _noun(self, skip: int) -> int:
-        """How many of the words behind the next ones name an output."""
+        """How many of the words behind the next ones name an output, or the rig."""
         words = self.words[self.at + skip :]
         own, count = self.vocabulary.longest(words, self.lexicon), self.longest(self.lexicon.meanings, skip=skip)
-        if own is not None and own[1].kind == "O":
+        if own is not None and own[1].kind in "OJ":
             return own[0]
         meanings = self.lexicon.meanings[tuple(words[:count])] if count else ()
         return count if any(kind == "K" for kind, _ in meanings) else 0

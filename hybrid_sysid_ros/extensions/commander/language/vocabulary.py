@@ -12,6 +12,8 @@ from hybrid_sysid_ros.rigs import units
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.units import Unit
 from hybrid_sysid_ros.runtime.configuration import SetPointRange, set_point_ranges
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import refuse_unknown, section
 
 SHORTEST = 4  # letters of a known word that may be written with a slip
 LONG = 7  # letters of one that may be written with two
@@ -80,15 +82,35 @@ class Vocabulary:
         return frozenset((word,) for name in self.names for word in _words(name))
 
     @cached_property
-    def words(self) -> frozenset[str]:
-        """All of the rig's."""
-        return frozenset(word for phrase in self.phrases for word in phrase)
+    def spoken(self) -> Mapping[str, Mapping[str, str]]:
+        """By language, words of the rig's names by what else people say for them: ``names`` of its file. Raises
+        UserError for a language that is not read, a word that is in no name, and what means something in any command.
+        """
+        given, where = section(self.rig.content, "names", str(self.rig.file)), f"{self.rig.file}: names"
+        refuse_unknown(given, LANGUAGES, where)
+        own = tuple(sorted({word for phrase in self.phrases for word in phrase}))
+        found: dict[str, dict[str, str]] = {language: {} for language in LANGUAGES}
+        for language in given:
+            named, here = section(given, language, where), f"{where}.{language}"
+            refuse_unknown(named, own, here)
+            for name, others in named.items():
+                if not isinstance(others, list) or not all(isinstance(each, str) and each.isalpha() for each in others):
+                    raise UserError(f"{here}.{name} is {others!r}: it needs a list of single words")
+                for word in map(folded, others):
+                    if (word,) in lexicon(language).meanings:
+                        raise UserError(f"{here}.{name}: {word!r} means something in all commands: take another word")
+                    found[language][word] = name
+        return found
 
-    def longest(self, words: Sequence[str], spoken: Lexicon) -> tuple[int, Symbol] | None:
+    def words(self, language: str) -> frozenset[str]:
+        """All of the rig's in a language."""
+        return frozenset(word for phrase in self.phrases for word in phrase).union(self.spoken[language])
+
+    def longest(self, words: Sequence[str], language: Lexicon) -> tuple[int, Symbol] | None:
         """How many of the next words are a name of the rig, and what it means."""
-        own = spoken.table.get("names", {})
+        own = self.spoken[language.name]
         said = [own.get(word, word) for word in words]
-        count = spoken.longest(self.phrases, said)
+        count = language.longest(self.phrases, said)
         return (count, self.phrases[tuple(said[:count])]) if count else None
 
     @cached_property
@@ -114,6 +136,11 @@ class Vocabulary:
             "position": lambda k, si: si.per == 0 and self.outputs[k].name != "height", "value": lambda k, si: True,
         }[noun]  # fmt: skip
         return [k for k in self.tracked if wanted(k, self.units_of(k)[1])]
+
+
+def spoken_names(rig: Rig) -> Mapping[str, Mapping[str, str]]:
+    """What else people say for the words of a rig's names: see :attr:`Vocabulary.spoken`."""
+    return Vocabulary.of(rig).spoken
 
 
 def _words(name: str) -> tuple[str, ...]:
