@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.control.safety.guard import Guard
 from hybrid_sysid_ros.estimation import StateEstimate
@@ -195,11 +194,8 @@ class ControllerAdapter:
         return self.guard.judge(doubt, without, np.array(applied), self.state, elapsed)
 
     def at_rest(self) -> Array:
-        """Inputs at rest (m,), or the stabiliser's for the newest state, without which an unstable rig diverges."""
-        trusted = self.guard.trusts_actuators and np.isfinite(self.state).all()
-        if isinstance(self.controller, Cascade) and trusted:
-            return self.controller.held(self.state)
-        return self.rest
+        """Inputs at rest (m,) for the newest state; see :meth:`.guard.Guard.rest_of`."""
+        return self.guard.rest_of(self.controller, self.state, self.rest)
 
     def nearer_rest(self, inputs: Array, share: float) -> Array:
         """Inputs (m,) moved towards :meth:`at_rest` by at most a share of their range."""

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.controller import Controller
 from hybrid_sysid_ros.control.safety.failsafe import Failsafe, Ladder, LoopState
 from hybrid_sysid_ros.control.safety.governor import ReferenceGovernor
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
@@ -130,6 +132,14 @@ class Guard:
         enough = (self._asked > (SMALL * tolerance) ** 2) & (away > UNLIKE * np.abs(asked))
         unlike = self._missed / np.where(enough, UNLIKE**2 * self._asked, np.inf)
         return float(max((away / tolerance).max(initial=0.0, where=known), min(unlike.max(), CLEAREST)))
+
+    def rest_of(self, controller: Controller, state: Array, rest: Array) -> Array:
+        """Inputs (m,) while the loop rests: ``rest``, or those of the stabiliser below the controller for a state (n,),
+        without which an unstable rig diverges.
+        """
+        if isinstance(controller, Cascade) and self.trusts_actuators and np.isfinite(state).all():
+            return controller.held(state)
+        return rest
 
     @property
     def trusts_actuators(self) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.controller import Controller
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.control.safety.guard import Guard
@@ -41,9 +40,7 @@ class GuardedController:
         """
         guard, estimator, state = self.guard, self.estimator, estimate.ahead
         self.level = level = guard.judge(estimator.doubt, estimator.monitor.without, applied, state, elapsed)
-        rest = self._rest
-        if isinstance(self.controller, Cascade) and guard.trusts_actuators:
-            rest = self.controller.held(state)
+        rest = guard.rest_of(self.controller, state, self._rest)
         if level is LoopState.RESTING:
             self._returning = True
             command = rest
