@@ -81,7 +81,7 @@ def compare(
     together, count = np.vstack([one, two]), len(two)
     shift = together.mean(axis=0)
     together = together - shift
-    scale = np.maximum(np.abs(shift), np.abs(together).max(axis=0))
+    least = TINY * np.maximum(np.abs(shift), np.abs(together).max(axis=0)) + np.finfo(float).tiny
 
     def differences(chosen: Array) -> tuple[Array, Array]:
         """Differences and their deviations (rows, numbers), live where chosen (rows, shots) is 1."""
@@ -91,7 +91,7 @@ def compare(
         rest = (total - count * mean) / other
         variance = np.maximum(squares - count * mean**2 - other * rest**2, 0.0) / (len(together) - 2)
         deviation = np.sqrt(variance * (1.0 / count + 1.0 / other))
-        return mean - rest, np.maximum(deviation, TINY * scale)
+        return mean - rest, np.maximum(deviation, least)
 
     real = np.zeros((1, len(together)))
     real[0, len(one) :] = 1.0

@@ -118,6 +118,22 @@ def test_agreement_needs_a_bound_below_what_matters():
     assert (open_, agrees) == (Verdict.OPEN, Verdict.AGREES)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_number_that_is_zero_in_all_shots_says_nothing_of_the_others():
+    """As the settling time of a part whose error is always small."""
+    generator = np.random.default_rng(5)
+
+    def quantities(count: int) -> list[ShotQuantity]:
+        rmse = generator.normal(10.0, 1.0, (count, 1))
+        settling = ShotQuantity(name="settling time", unit="s", values=np.zeros((count, 1)))
+        return [ShotQuantity(name="RMSE", unit="m", values=rmse), settling]
+
+    rmse, settling = compare(quantities(100), quantities(10), generator, matters=0.1)
+    assert rmse.verdict is not Verdict.CONTRADICTED
+    assert (settling.verdict, settling.probability) == (Verdict.AGREES, 1.0)
+    assert settling.noticed == pytest.approx(0.0, abs=1e-200)
+
+
 def test_shots_of_a_loop_that_ran_away_are_told_in_a_line(sled, exact):
     where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=1)
     tracking_error = np.array([[0.1, 0.2], [np.nan, 0.1], [np.inf, 0.3]])
