@@ -33,9 +33,7 @@ def read_records(
     """
     if period and sampling.input == "sampled":
         raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")
-    names = [bags.name_of(path) for path in paths]
-    if twins := {name for name in names if names.count(name) > 1}:
-        raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
+    check_names(paths)
     described = load_rig(rig)
     return [
         checked_bag(
@@ -49,6 +47,13 @@ def read_records(
         )
         for path in paths
     ]
+
+
+def check_names(paths: list[Path]) -> None:
+    """Raise UserError for two bags with one name."""
+    names = [bags.name_of(path) for path in paths]
+    if twins := {name for name in names if names.count(name) > 1}:
+        raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
 
 
 def check_records(records: list[Record], rig: Rig, *, anyway: bool) -> None:

@@ -15,6 +15,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.records import check_names
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding, sentence
@@ -40,6 +41,7 @@ def command(
     if report is not None:
         reports.check_available()
         check_file(report, suffix=".html")
+    check_names(bag)
     described = load_rig(rig)
     found, records = dict[str, list[RecordFinding]](), list[Record]()
     for path in bag:
