@@ -18,6 +18,8 @@ FEWEST = 200
 """Samples below which a record is short."""
 MISSING = 0.005
 """Share of missing samples that is worth a word."""
+STILL = 0.5
+"""Cost of an input that does not move while another one does: the record tells nothing of that one alone."""
 
 
 def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
@@ -25,6 +27,8 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     signals, found = signals_of(record, rig), list[RecordFinding]()
     for signal in signals:
         found += sample_findings(signal)
+    if any(signal.is_input and signal.span > 0.0 for signal in signals):
+        found = [replace(item, cost=STILL) if item.kind == "no excitation" else item for item in found]
     found += _whole(record, signals)
     if not any(item.cost >= 1.0 for item in found):
         found += response_findings(record, rig, signals)
@@ -81,11 +85,12 @@ def _whole(record: Record, signals: list[CheckedSignal]) -> list[RecordFinding]:
         )  # fmt: skip
     inputs = [signal for signal in signals if signal.is_input]
     spans = [float(np.ptp(np.percentile(item.values, [1, 99]))) / (item.limits[1] - item.limits[0]) for item in inputs]
-    if 0.0 < max(spans) < QUIET:
+    most = int(np.argmax(spans))
+    if 0.0 < spans[most] < QUIET:
         found.append(
             RecordFinding(
                 kind="no excitation", cost=0.96,
-                words=f"{inputs[0].name} moves over {max(spans):.1%} of what its actuator can",
+                words=f"{inputs[most].name} moves over {spans[most]:.1%} of what its actuator can",
                 cure="drive it over the range that the model is for; or is it in another unit?",
             )
         )  # fmt: skip
