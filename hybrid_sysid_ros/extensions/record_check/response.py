@@ -25,9 +25,14 @@ PIECES = 8
 RELATED, CLEAR, BEYOND = 0.45, 0.6, 3.0
 """Correlations below which nothing is related, and above which delay and scale mean something; ratio of motions above
 which the scale is wrong whatever the correlation."""
-LONGEST_LAG = 0.4
-"""Longest delay that is looked for [s], or as many steps as the signal needs for a change, where that is more."""
-STEP = 0.005
+LONGEST_LAG, CHANGES = 80, 8
+"""Longest delay that is looked for, in samples and in times of a change: the longer one."""
+SHORTEST_LAG, SHARE = 2.4, 0.12
+"""Delay from which it is a fault, in samples and in times of a change: the longer one."""
+SHORTEST_FROZEN = 8
+"""Samples from which a sensor that stays where it is counts as frozen."""
+MOST_STEPS = 1_000_000
+"""Most steps in which the rig is simulated over a record; longer records take longer steps than the rig's own."""
 PUSH, UNSTABLE = 1e-6, 1e3
 """Share of a first state by which a second run begins elsewhere, and growth of the runs' distance that only an unstable
 rig shows: a free run of such a rig says nothing of its record."""
@@ -52,7 +57,7 @@ def expected_outputs(record: Record, rig: Rig) -> Array | None:
     numbers, forget where they began as an unstable rig does, or the record is too short.
     """
     period = record.sampling_time
-    step = period / max(1, round(period / max(STEP, rig.step)))
+    step = period / max(1, round(period / max(rig.step, record.duration / MOST_STEPS)))
     try:
         experiment = prepare(record, rig.system, Sampling(step=step, period=period))
     except UserError:
@@ -129,7 +134,7 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
         if not signal.explained:
             yield from _frozen(signal, expected[:, k])
         apart = time_of_change(expected[:, k])
-        longest = int(min(max(LONGEST_LAG / period, 8 * apart), record.samples // 6))
+        longest = min(max(LONGEST_LAG, CHANGES * apart), record.samples // 6)
         good = ~signal.spoilt
         found = aligned(signal.values, expected[:, k], good, apart, longest)
         yield from _judged(
@@ -138,14 +143,17 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
 
 
 def input_acts_as_held(record: Record, rig: Rig, every: int) -> bool | None:
-    """Whether the outputs answer a held input at its times; None where the rig's physics can't tell."""
+    """Whether the outputs answer a held input at its times; None where the rig's physics can't tell.
+
+    A recorder that holds makes an input late, by half of the time that it holds it: the outputs answer earlier.
+    """
     expected = expected_outputs(record, rig)
     for k, measured in enumerate(record.output.T if expected is not None else ()):
         assert expected is not None
         apart = time_of_change(expected[:, k])
         found = aligned(measured, expected[:, k], np.ones(record.samples, dtype=bool), apart, 8 * apart + every)
         if found.correlation > CLEAR:
-            return bool(abs(found.lag) < max(0.2 * every, 1.0))
+            return found.lag > -max(0.2 * every, 1.0)
     return None
 
 
@@ -201,8 +209,7 @@ def _judged(
             cure="turn the sensor or the input round: sign: -1 in import.yaml, or a negative scale in --signals",
         )  # fmt: skip
         return
-    least = max(2.2 * period, 0.012 if period < 0.012 else 0.0, 0.12 * apart * period)
-    if abs(late) > least and found.correlation > 0.75:
+    if abs(found.lag) > max(SHORTEST_LAG, SHARE * apart) and found.correlation > 0.75:
         way = "later" if late > 0 else "earlier"
         yield RecordFinding(
             kind="delay", cost=min(0.79, 0.5 + 0.3 * abs(found.lag) / (10 * apart)),
@@ -253,7 +260,7 @@ def _frozen(signal: CheckedSignal, expected: Array) -> Iterator[RecordFinding]:
     """Values that stay exactly the same while the physics move on."""
     same = np.append(False, np.diff(signal.values) == 0.0)
     first, length = runs_of(same)
-    long = length >= max(8, round(0.02 / signal.period))
+    long = length >= SHORTEST_FROZEN
     count = max(signal.resolution(), signal.count)
     usual = float(np.median(np.abs(changes(expected, 1)))) or 1e-300
     found = []

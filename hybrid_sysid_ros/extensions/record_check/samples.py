@@ -14,6 +14,12 @@ from hybrid_sysid_ros.support.arrays import Array
 
 MAINS = (50.0, 60.0)
 """Frequencies of the mains [Hz]."""
+AROUND = 60
+"""Lines of a spectrum on either side of the mains that give its floor; a record with fewer periods of the mains shows
+none, since the signal's own power is near.
+"""
+LONGEST_HOLD = 200
+"""Samples over which a signal may be held; a longer level is a step of the experiment."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -74,7 +80,7 @@ def sample_findings(signal: CheckedSignal) -> Iterator[RecordFinding]:
         kind = "no excitation" if signal.is_input else "constant output"
         yield RecordFinding(
             kind=kind, cost=1.0, words=f"{signal.name} is {signal.values[0]:.4g} {signal.unit} throughout",
-            cure="name the right column, or repair the sensor",
+            cure="name the right column, or " + ("drive the rig by it" if signal.is_input else "repair the sensor"),
         )  # fmt: skip
         return
     found = list(_clipped(signal)) + list(_held(signal))
@@ -119,9 +125,7 @@ def _held(signal: CheckedSignal) -> Iterator[RecordFinding]:
     changes = np.flatnonzero(np.diff(signal.values)) + 1
     if len(changes) < 20:
         return
-    gaps = np.diff(changes)
-    longest = max(2, round(min(0.2 / signal.period, 200)))
-    for k in range(min(longest, int(np.median(gaps))), 1, -1):
+    for k in range(min(LONGEST_HOLD, int(np.median(np.diff(changes)))), 1, -1):
         regular = np.mean(np.bincount(changes % k, minlength=k).max() / len(changes))
         dense = len(changes) * k / (changes[-1] - changes[0] + 1)
         if regular > 0.95 and dense > 0.55:
@@ -169,10 +173,11 @@ def _hum(signal: CheckedSignal) -> Iterator[RecordFinding]:
     width = frequencies[1]
     for mains in (*MAINS, 100.0, 120.0):
         seen = abs((mains + rate / 2) % rate - rate / 2)
-        if not (8 * width < seen < rate / 2 - 4 * width) or seen < 1.0:
+        if not (AROUND * width < seen < rate / 2 - 4 * width) or seen < 1.0:
             continue
-        near = np.abs(frequencies - seen) < 0.002 * mains + 3 * width
-        around = (np.abs(frequencies - seen) < 60 * width) & ~(np.abs(frequencies - seen) < 0.002 * mains + 6 * width)
+        away = np.abs(frequencies - seen)
+        near = away < 0.002 * mains + 3 * width
+        around = (away < AROUND * width) & (away >= 0.002 * mains + 6 * width)
         if not around.any():
             continue
         line, floor = float(size[near].max()), float(np.median(size[around]))

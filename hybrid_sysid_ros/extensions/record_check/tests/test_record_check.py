@@ -14,6 +14,7 @@ import hybrid_sysid_ros as hs
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import joint_states, write_bag
 from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.extensions.importing.tests.test_rig_from import written
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
 from tests.command_line import refused
 
@@ -65,6 +66,39 @@ def test_each_fault_is_named_first():
     assert first(y.std() * random.normal(size=y.shape)) in ("no relation", "noise")
 
 
+@pytest.mark.parametrize("period", [3600.0, 1e-4])
+def test_faults_are_named_at_any_time_scale(call, tmp_path, monkeypatch, period):
+    monkeypatch.chdir(tmp_path)
+    file = written(tmp_path / "log.csv", period, "time,u,y")
+    program = partial(call, app.main, "hybrid-sysid")
+    name = f"./scale_{round(1 / period)}"
+    assert program("rig", "from", file, name)[0] == program("import", file, "--rig", name)[0] == 0
+    rig = hs.load_rig(name)
+    r = hs.read_bag("bags/log", rig)
+    y, k = r.output, np.arange(r.samples)
+    stuck = y.copy()
+    stuck[300:500] = stuck[300]
+    faults = {
+        "sign": -y, "delay": np.interp(k - 8, k, y[:, 0])[:, None], "frozen": stuck, "scale": 2.0 * y,
+        "clock drift": np.interp(1.015 * k, k, y[:, 0])[:, None], "held": np.repeat(y[::10], 10, axis=0),
+    }  # fmt: skip
+    assert findings_of(r, rig) == []
+    assert {kind: findings_of(replace(r, output=output), rig)[0].kind for kind, output in faults.items()} == {
+        kind: kind for kind in faults
+    }
+
+
+def test_an_input_that_rests_while_another_one_moves_blocks_no_fit():
+    rig = hs.load_rig("winged_cone")
+    r = bags.read(ROOT / "bags" / "winged_cone_climbs", rig.signals).between(0, 1000)
+    inputs = r.input.copy()
+    inputs[:, 0] = inputs[0, 0]
+    found = findings_of(replace(r, input=inputs), rig)
+    assert [(item.kind, item.blocks) for item in found] == [("no excitation", False)]
+    assert "throttle" in found[0].words
+    assert findings_of(replace(r, input=0.0 * inputs), rig)[0].blocks
+
+
 @pytest.fixture
 def turned(tmp_path) -> str:
     """A bag whose sensor counts the other way round."""
@@ -84,6 +118,7 @@ def test_the_command_says_what_to_do_and_its_status_tells_scripts(call, turned, 
     assert status == 1
     assert "worth nothing before this is cured: sign" in out
     assert json.loads(check(turned, "--json")[1])[turned][0]["kind"] == "sign"
+    refused(check(turned, turned), "two bags are called turned")
 
 
 def test_identify_refuses_what_is_worth_nothing_unless_it_is_wanted_anyway(call, turned, tmp_path):
