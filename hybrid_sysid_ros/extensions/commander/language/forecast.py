@@ -13,7 +13,7 @@ from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.controller import Status
 from hybrid_sysid_ros.extensions.commander.language.draft import JUMP
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan
-from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.runtime import configuration
@@ -76,6 +76,12 @@ class Simulator:
         settings = configuration.defaults(rig, "controller")
         settings |= {"policy": policy} if policy else {}
         return cls(rig=rig, model=model, controller=settings, estimator=configuration.defaults(rig, "estimator"))
+
+    @classmethod
+    def configured(cls, rig: Rig, controller: Mapping[str, Any], estimator: Mapping[str, Any]) -> Simulator:
+        """With the parameters of a loop's nodes, and the model that they name. Raises UserError where there is none."""
+        model = load(controller["model"] or configuration.shipped(rig.name, "model"), rig=rig.source)
+        return cls(rig=rig, model=model, controller=controller, estimator=estimator)
 
     @cached_property
     def made(self) -> Any:

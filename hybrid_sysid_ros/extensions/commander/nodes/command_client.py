@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from queue import Empty, Queue
 from threading import Thread
-from time import monotonic
+from time import monotonic, sleep, time_ns
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply, RigState
+from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
+from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import LoopMonitor
 from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import tracked_outputs
@@ -27,12 +29,17 @@ from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.middleware import prepare_middleware
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.parameters import parameters
 from hybrid_sysid_ros.support.errors import UserError
 
 THERE_TIMEOUT = 3.0  # s, until a commander is heard of
+POLL_PERIOD = 0.02  # s, between two looks whether it is
 ANSWER_TIMEOUT = 5.0  # s, for the answer of a service
 REPLY_TIMEOUT = 120.0  # s, for the simulation of the longest plan
 SILENCE = 1.0  # s, after which another publisher is heard
+LIVE = 2.0  # s, within which a running loop publishes estimates
+NODES = ("controller", "estimator", "commander")
+"""Whose parameters a preview takes."""
 FINAL = ("refused", "waits", "begins", "stopped")
 """States of replies that answer a command."""
 
@@ -40,22 +47,30 @@ FINAL = ("refused", "waits", "begins", "stopped")
 class CommandClient(CommandInterface):
     """The commander of a running loop, as whoever speaks sees it; its node spins in a thread of its own."""
 
-    def __init__(self, rig: Rig) -> None:
-        """Raises UserError where the rig has no commander."""
+    def __init__(self, rig: Rig, *, context: Context | None = None) -> None:
+        """context: of its node, which is shut down with it; the process's own by default. Raises UserError where the
+        rig has no commander.
+        """
         self._rig, namespace = rig, rig.namespace
         self._rehearsal: Rehearsal | None = None
-        if not rclpy.ok():
+        self._known: dict[str, dict[str, Any]] = {}
+        """Parameters of the nodes, by which the rehearsal simulates."""
+        self._context = context or rclpy.get_default_context()
+        if not self._context.ok():
             prepare_middleware()
-            rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node("speaker", namespace=namespace, enable_rosout=False, start_parameter_services=False)
+            rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node(
+            "speaker", context=self._context, namespace=namespace, enable_rosout=False, start_parameter_services=False
+        )
         self._replies: Queue[DiagnosticStatus] = Queue()
         self._setter = self._node.create_client(SetParameters, "commander/set_parameters")
         self._stop = self._node.create_client(Trigger, "commander/stop")
         self._confirm = self._node.create_client(Trigger, "commander/confirm")
+        self._getters = {name: self._node.create_client(GetParameters, f"{name}/get_parameters") for name in NODES}
         quality = topics.profile("command_reply")
         self._heard = self._node.create_subscription(DiagnosticStatus, "command_reply", self._replies.put, quality)
         self._monitor = LoopMonitor(self._node, rig, tracked_outputs(rig), silence=round(1e9 * SILENCE))
-        self._executor = SingleThreadedExecutor()
+        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._spinning = Thread(target=self._spin, daemon=True)
         self._spinning.start()
@@ -67,7 +82,7 @@ class CommandClient(CommandInterface):
                     f"no commander is there in /{namespace}: start one with the loop (hybrid-sysid run --commander), "
                     "or say --dry"
                 )
-            self._node.get_clock().sleep_for(rclpy.duration.Duration(seconds=0.02))
+            sleep(POLL_PERIOD)
 
     def _spin(self) -> None:
         try:
@@ -80,7 +95,7 @@ class CommandClient(CommandInterface):
         self._executor.shutdown()
         self._spinning.join()
         self._node.destroy_node()
-        rclpy.try_shutdown()
+        self._context.try_shutdown()
 
     def say(self, text: str) -> Reply:
         while not self._replies.empty():
@@ -93,22 +108,49 @@ class CommandClient(CommandInterface):
         return self._reply(text)
 
     def check(self, text: str) -> Reply:
-        if self._rehearsal is None:
-            self._rehearsal = Rehearsal.of(self._rig, folder=os.getcwd())
-        self._monitor.look()
         try:
-            start, reference = self._monitor.start(self._rehearsal.system), self._monitor.reference()
+            rehearsal = self._configured()
+            self._look()
+            start, reference = self._monitor.start(rehearsal.system), self._monitor.reference()
         except UserError as error:
             return Reply(text=text, accepted=False, line=str(error))
-        return self._rehearsal.check_from(text, start, reference)
+        return rehearsal.check_from(text, start, reference)
+
+    def _configured(self) -> Rehearsal:
+        """What simulates as the commander does, by the parameters that the nodes have now. Raises UserError where one
+        of them is missing.
+        """
+        known = {name: self._parameters(name) for name in ("controller", "estimator")}
+        known["commander"] = self._parameters("commander", "folder", "layers")
+        if self._rehearsal is None or known != self._known:
+            simulator = Simulator.configured(self._rig, known["controller"], known["estimator"])
+            self._rehearsal, self._known = Rehearsal(Interpreter.of(simulator, **known["commander"])), known
+        return self._rehearsal
+
+    def _parameters(self, name: str, *wanted: str) -> dict[str, Any]:
+        """Of a node, all by default. Raises UserError where it is not there, or has not declared them yet."""
+        if not self._getters[name].service_is_ready():
+            raise UserError(f"no {name} is there: is the loop running?")
+        wanted = wanted or tuple(parameters(self._rig, name))
+        values = self._ask(self._getters[name], GetParameters.Request(names=wanted)).values
+        if len(values) < len(wanted):
+            raise UserError(f"the {name} still starts: say it again in some seconds")
+        return dict(zip(wanted, map(parameter_value_to_python, values), strict=True))
+
+    def _look(self) -> None:
+        """Take in what has come. Raises UserError where the loop has ended."""
+        self._monitor.look()
+        silent = 1e-9 * (time_ns() - self._monitor.published)
+        if self._monitor.published and silent > LIVE:
+            raise UserError(f"no estimate has come for {silent:.3g} s: is the loop running?")
 
     def state(self) -> RigState:
-        self._monitor.look()
+        self._look()
         tracked = [item for item, one in zip(self._rig.system.outputs, self._monitor.tracked, strict=True) if one]
         units = {item.name: shown.unit for item, shown in zip(self._rig.system.outputs, self._rig.display, strict=True)}
         values = zip(self._rig.system.outputs, self._monitor.all_outputs().tolist(), strict=True)
         wanted = zip(self._rig.system.outputs, self._monitor.reference().tolist(), strict=True)
-        named = zip(self._rig.system.inputs, self._monitor.start(self._rig.system).inputs.tolist(), strict=True)
+        named = zip(self._rig.system.inputs, self._monitor.commanded().tolist(), strict=True)
         return RigState(
             live=True,
             outputs={f"{item.name} [{units[item.name]}]": value for item, value in values},
@@ -139,13 +181,13 @@ class CommandClient(CommandInterface):
         raise UserError(f"the commander does not reply for {REPLY_TIMEOUT:g} s")
 
     def _ask(self, client: Any, request: Any) -> Any:
-        """The answer of a service. Raises UserError where there is none."""
+        """The answer of a service of the loop. Raises UserError where there is none."""
         answered: Queue[Any] = Queue()
         client.call_async(request).add_done_callback(lambda future: answered.put(future.result()))
         try:
             return answered.get(timeout=ANSWER_TIMEOUT)
         except Empty:
-            raise UserError(f"the commander does not answer for {ANSWER_TIMEOUT:g} s") from None
+            raise UserError(f"{client.srv_name} does not answer for {ANSWER_TIMEOUT:g} s") from None
 
 
 def main() -> int:

@@ -12,10 +12,8 @@ from rcl_interfaces.msg import ParameterEvent
 
 from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
-from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.parameter_query import ParameterQuery
-from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.errors import UserError
 
 ASKED = ("controller", "estimator")  # nodes whose parameters a simulation takes
@@ -74,15 +72,13 @@ class ConfiguredInterpreter:
     def _make(self, known: Mapping[str, Mapping[str, Any]]) -> None:
         """Load, compile, and see what the rig reaches."""
         give_way()
-        rig, settings = self._node.rig, known["controller"]
         try:
-            model = load(settings["model"] or shipped(rig.name, "model"), rig=rig.source)
-            simulator = Simulator(rig=rig, model=model, controller=settings, estimator=known["estimator"])
+            simulator = Simulator.configured(self._node.rig, known["controller"], known["estimator"])
             given = self._node.settings
             made = Interpreter.of(simulator, folder=given["folder"], layers=given["layers"])
-            simulator.ability  # noqa: B018  # simulated here, and kept
+            _ = simulator.ability  # simulated here, and kept
             with suppress(UserError):  # told when a picture is named
-                made.eyes.reader  # noqa: B018  # compiled here, and kept
+                _ = made.eyes.reader  # compiled here, and kept
         except Exception as error:
             self.interpreter, self._trouble = None, self._node.words_of(error)
             return

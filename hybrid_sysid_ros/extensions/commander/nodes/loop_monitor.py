@@ -38,6 +38,8 @@ class LoopMonitor:
         self.outputs, self.inputs = Slots(layout.outputs), Slots(layout.inputs)
         self.scales = np.array([display.scale for display in rig.display])
         self.newest: dict[str, Any] = {}
+        self.published = 0
+        """When the newest estimate was, in system time [ns]."""
 
     def close(self) -> None:
         """Hear nothing any more."""
@@ -48,11 +50,12 @@ class LoopMonitor:
         """Take in what has come."""
         for topic, collector in self.collectors.items():
             validator = self.validators[topic]
-            for data, _ in collector.fetch():
+            for data, published in collector.fetch():
                 message = validator.unpack(data)
                 if message is not None and validator.accepts_source(message.source):
                     validator.select_source(message.source)
                     self.newest[topic] = message
+                    self.published = published if topic == "state_estimate" else self.published
 
     @property
     def stamp(self) -> int:
@@ -93,17 +96,22 @@ class LoopMonitor:
         return found
 
     def start(self, system: System) -> Start:
-        """The state of a model (n,), the inputs, and their offsets. Raises UserError where they are no numbers."""
+        """The state of a model (n,), the inputs, and their offsets. Raises UserError where they are no numbers, or the
+        estimates are of another model.
+        """
         estimate, layout = self._estimate(), SignalLayout(self.rig, system)
         states, offsets = Slots(layout.states), Slots(layout.inputs)
         state, offset = (np.array(slots.read(estimate.names, estimate.lists)) for slots in (states, offsets))
+        if states.named < len(states):
+            absent = ", ".join(name for name in states.names if name not in estimate.names)
+            raise UserError(f"the estimates have no {absent}: the estimator's model is another one than is simulated")
+        if not np.isfinite(state).all():
+            raise UserError("the estimates are no numbers: see the estimator's diagnostics")
+        return Start(state=state, inputs=self.commanded(), disturbance=np.where(np.isfinite(offset), offset, 0.0))
+
+    def commanded(self) -> Array:
+        """The inputs (m,) of the newest command, at rest before the first."""
         command = self.newest.get("joint_command")
         rest = np.array([actuator.rest for actuator in self.rig.actuators])
         given = rest if command is None else np.array(self.inputs.read(command.names, command.lists))
-        if not np.isfinite(state).all():
-            raise UserError("the estimates are no numbers: see the estimator's diagnostics")
-        return Start(
-            state=state,
-            inputs=np.where(np.isfinite(given), given, rest),
-            disturbance=np.where(np.isfinite(offset), offset, 0.0),
-        )
+        return np.where(np.isfinite(given), given, rest)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from threading import Thread
 from typing import Any
 
@@ -12,21 +14,25 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.extensions.commander.nodes import commander, configured_interpreter
+from hybrid_sysid_ros.extensions.commander.nodes import command_client, commander, configured_interpreter
+from hybrid_sysid_ros.extensions.commander.nodes.command_client import CommandClient
 from hybrid_sysid_ros.extensions.commander.nodes.commander import CommanderNode
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.operation import ControllerMode
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
-from tests.node_bench import VOLT, Bench
+from hybrid_sysid_ros.support.errors import UserError
+from tests.node_bench import VOLT, Bench, joint
 
 
 class AtOnce(Thread):
@@ -233,3 +239,75 @@ def test_undo_goes_back_to_where_the_last_command_began(loop: Loop) -> None:
     loop.say("undo that")
     loop.bench.until(lambda: state(loop.replies[-1]) == "done")
     assert loop.references[-1].points[-1].positions[0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.fixture
+def context(domain: int) -> Context:
+    """Of a client."""
+    made = Context()
+    rclpy.init(context=made, domain_id=domain)
+    return made
+
+
+class Caller:
+    """Calls a client, whose calls wait for answers, in a thread of its own while the nodes of a bench go on."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench, self.pool = bench, ThreadPoolExecutor(1)
+
+    def __call__(self, action: Callable[..., Any], *given: Any, **named: Any) -> Any:
+        answer = self.pool.submit(action, *given, **named)
+        self.bench.until(answer.done)
+        return answer.result()
+
+
+def test_a_client_tells_where_the_rig_is_and_what_would_come_of_a_command(
+    loop: Loop, context: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the tools for language models ask for it."""
+    monkeypatch.setattr(command_client, "LIVE", 60.0)
+    call = Caller(loop.bench)
+    client = call(CommandClient, loop.commander.rig, context=context)
+    assert call(client.say, "go to 1 V in 0.2 s").line.startswith("begins")
+    loop.bench.until(lambda: state(loop.replies[-1]) == "done")
+    found = client.state()
+    assert found.live
+    assert found.references == {"position [V]": pytest.approx(1.0)}
+    assert found.outputs == {"position [V]": pytest.approx(1.0, abs=0.2)}
+    assert -10.0 <= found.inputs["drive [V]"] <= 10.0
+    loop.plant.deactivate()  # alone: in lockstep a loop never rests
+    checked = call(client.check, "go up by 1 V")
+    assert checked.line.startswith("position from 1 V to 2 V")
+    assert checked.forecast.loop.outputs[0, 0] / VOLT == pytest.approx(1.0, abs=0.2)
+    assert not call(client.check, "hold 300 V").accepted
+    assert len(loop.set_points) == 1
+    assert call(client.stop).accepted
+    monkeypatch.setattr(command_client, "LIVE", 0.0)
+    with pytest.raises(UserError, match="no estimate has come for"):
+        client.state()
+    client.close()
+
+
+def test_a_client_tells_the_inputs_where_the_estimates_have_fewer_states_than_the_rig(
+    domain: int, context: Context
+) -> None:
+    """As a model has that leaves an actuator's dynamics out."""
+    bench = Bench(domain, "winged_cone")
+    commander = bench.start(CommanderNode, rig="winged_cone")
+    client = Caller(bench)(CommandClient, commander.rig, context=context)
+    outputs = [item.name for item in commander.rig.system.outputs]
+    estimates, commands = bench.speak("state_estimate"), bench.speak("joint_command")
+    references = bench.speak("reference", JointTrajectory)
+    points = [JointTrajectoryPoint(positions=[0.0] * len(outputs))]
+
+    def inputs() -> list[float]:
+        estimates.publish(joint(1, name=outputs, position=[2.0] * len(outputs)))
+        commands.publish(joint(1, name=["throttle", "elevator"], effort=[0.3, -0.1]))
+        references.publish(JointTrajectory(joint_names=outputs, points=points))
+        with suppress(UserError):  # some have not come yet
+            return list(client.state().inputs.values())
+        return []
+
+    bench.until(lambda: inputs() == [0.3, -0.1])
+    client.close()
+    bench.close()
