@@ -195,7 +195,7 @@ def write_records(records: Sequence[Record], rig: Rig, out: Path, *, made_by: st
 
 
 def _topics(record: Record, rig: Rig) -> list[Any]:
-    """joint_states, whose efforts are the mean inputs since the previous sample, and reference where it is known."""
+    """joint_states, whose efforts are the mean inputs since the previous sample, and references that are known."""
     kept = slice(None) if record.measured is None else record.measured
     stamps = (START + np.round(record.time * 1e9).astype(np.int64))[kept]
     names = list(rig.joints.names)
@@ -215,11 +215,14 @@ def _topics(record: Record, rig: Rig) -> list[Any]:
     carried: dict[str, Any] = {key: values[kept] for key, values in fields.items() if np.isfinite(values).any()}
     series = [joint_states(f"/{rig.namespace}/joint_states", stamps, names, **carried)]
     references = {name: record.channels.get(rig.channel("reference", name)) for name in outputs}
-    for name, reference in references.items():
-        if reference is not None and len(outputs) == 1:
-            joint, key = rig.joints.place(name)
-            values: dict[str, Any] = {"positions" if key == "position" else "velocities": reference[kept, None, None]}
-            series.append(joint_trajectories(f"/{rig.namespace}/reference", stamps, [joint], times=[0.0], **values))
+    places = {name: rig.joints.place(name) for name, values in references.items() if values is not None}
+    if places:
+        joints = list(dict.fromkeys(joint for joint, _ in places.values()))
+        goals = {key: np.full((record.samples, 1, len(joints)), np.nan) for _, key in places.values()}
+        for name, (joint, key) in places.items():
+            goals[key][:, 0, joints.index(joint)] = references[name]
+        given: dict[str, Any] = {"positions" if key == "position" else "velocities": goals[key][kept] for key in goals}
+        series.append(joint_trajectories(f"/{rig.namespace}/reference", stamps, joints, times=[0.0], **given))
     return series
 
 

@@ -11,7 +11,14 @@ import numpy as np
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
-from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn, ratio
+from hybrid_sysid_ros.extensions.importing.mapping import (
+    ImportMapping,
+    SignalColumn,
+    TimeColumn,
+    further,
+    ratio,
+    seconds_of,
+)
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.units import named
 from hybrid_sysid_ros.support.errors import UserError, UserErrors
@@ -65,7 +72,7 @@ def guessed(
     Raises UserErrors, a line for each signal that stays open, and for names that are none of the rig's.
     """
     items = [*rig.system.inputs, *rig.system.outputs]
-    extra = [rig.channel("reference", item.name) for item in rig.system.outputs]
+    extra = [name for item in rig.system.outputs for name in further(rig, item.name)]
     signals = [*(item.name for item in items), *extra, "time"]
     for name in (*given, *units):
         if name not in signals:
@@ -145,12 +152,11 @@ def time_of(
             f"{file.path}: no column is a time; name it (--column time=COLUMN), or give the sampling time (--period)"
         ), left
     unit = units.get("time") or file.columns[name].unit or _suffix(name, ("ms", "us", "ns", "min", "h")) or "s"
-    return TimeColumn(column=name, unit={"sec": "s", "seconds": "s", "µs": "us"}.get(unit, unit)), left
+    return TimeColumn(column=name, unit=unit), left
 
 
 def _is_time(column: LogColumn) -> bool:
-    found = named(column.unit) if column.unit else None
-    return not column.unit or (found is not None and (found.base, found.per) == ("s", 0))
+    return not column.unit or seconds_of(column.unit) is not None
 
 
 def _is_sure(scores: Sequence[tuple[float, LogColumn]]) -> bool:

@@ -11,7 +11,7 @@ import yaml
 
 from hybrid_sysid_ros.bags.signals import HOLDS
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.units import named
+from hybrid_sysid_ros.rigs.units import SYMBOLS, named
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.files import written_file
 from hybrid_sysid_ros.support.structured import built, read_mapping, refuse_endless, refuse_unknown, section
@@ -20,6 +20,12 @@ from hybrid_sysid_ros.support.yaml_text import Dumper
 FILE = "import.yaml"
 """Name of a mapping in the folder of a rig."""
 KEYS = ("time", "inputs", "outputs", "channels")
+
+
+def seconds_of(unit: str) -> float | None:
+    """Seconds in a unit of time; None for other units."""
+    found = named(unit)
+    return found.factor if found is not None and found.alike(SYMBOLS["s"]) else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,16 +40,15 @@ class TimeColumn:
     def __post_init__(self) -> None:
         if bool(self.column) == bool(self.period) or self.period < 0.0:
             raise UserError("time needs the name of its column, or the period [s] of the samples")
-        found = named(self.unit)
-        if found is None or (found.base, found.per) != ("s", 0):
+        if seconds_of(self.unit) is None:
             raise UserError(f"time is in {self.unit!r}: it needs a unit of time, such as s, ms, us or min")
 
     @property
     def seconds(self) -> float:
         """Seconds per unit."""
-        found = named(self.unit)
+        found = seconds_of(self.unit)
         assert found is not None
-        return found.factor
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,19 +164,32 @@ class ImportMapping:
             for item in items:
                 with collected(problems, f"{where}: {kind}.{item.name}: "):
                     _ = rig_factor(rig, item.name, given[item.name])
+        for name, column in self.channels.items():
+            with collected(problems, f"{where}: channels.{name}: "):
+                _ = rig_factor(rig, name, column)
         if problems:
             raise UserErrors(problems)
 
 
 def rig_factor(rig: Rig, name: str, column: SignalColumn) -> float:
-    """What a column is multiplied by for a signal of a rig. Raises UserError where units don't measure the same."""
+    """What a column is multiplied by for a signal of a rig.
+
+    Raises UserError for an unknown signal, and where units don't measure the same.
+    """
     for item in rig.system.inputs:
         if item.name == name:
             return column.factor(item.unit)
     for item, display in zip(rig.system.outputs, rig.display, strict=True):
-        if name in (item.name, rig.channel("reference", item.name), rig.channel("filtered", item.name)):
+        if name == item.name or name in further(rig, item.name):
             return column.factor(item.unit, display.unit, display.scale)
-    return column.factor("")
+    known = [name for item in rig.system.outputs for name in further(rig, item.name)]
+    raise UserError(f"{rig.name} has no such signal; its channels are {', '.join(known)}")
+
+
+def further(rig: Rig, output: str) -> list[str]:
+    """Channels that a record may have of an output: its reference, and its filtered values where a sensor filters."""
+    sensor = rig.sensors[[item.name for item in rig.system.outputs].index(output)]
+    return [rig.channel(kind, output) for kind in ("reference", *(["filtered"] if sensor.low_pass else []))]
 
 
 def ratio(given: str, wanted: str, display: str = "", display_scale: float = 1.0) -> float:
