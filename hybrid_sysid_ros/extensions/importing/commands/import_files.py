@@ -23,7 +23,7 @@ from hybrid_sysid_ros.rigs import folder
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import check_folder
+from hybrid_sysid_ros.support.files import check_file, check_folder
 
 
 def command(
@@ -39,7 +39,8 @@ def command(
     mapping: Annotated[
         Path | None,
         typer.Option(
-            help="YAML with the columns of the signals; it is used if it exists, and written otherwise. By default "
+            help="YAML with the columns of the signals; it is used if it exists, and written otherwise, or anew with "
+            "--overwrite where --column, --unit or --period are given. By default "
             "import.yaml in the folder of your own rig, and in the folder of the bags for a rig of a package."
         ),
     ] = None,
@@ -68,6 +69,7 @@ def command(
     if known:
         chosen = ImportMapping.load(place)
     else:
+        check_file(place, replace=overwrite)
         chosen = guessed(log_files[0], described, given=given, units=units, period=period, ask=_asked)
     for file in log_files:
         _check_fits(file, chosen, place if known else log_files[0].path)
@@ -118,6 +120,9 @@ def _table(mapping: ImportMapping, rig: Rig, records: list[Record]) -> Table:
     table = Table(
         "signal", "column", "unit there", "lowest", "highest", "unit", title=f"{rig.name}: {_lengths(records)}"
     )
+    if mapping.time.column:
+        longest = max(record.duration for record in records)
+        table.add_row("time", mapping.time.column, mapping.time.unit, "0", f"{longest:.4g}", "s")
     for kind, items in (("input", rig.system.inputs), ("output", rig.system.outputs)):
         for index, item in enumerate(items):
             values = [getattr(record, kind)[:, index] for record in records]

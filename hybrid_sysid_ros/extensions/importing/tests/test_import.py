@@ -80,6 +80,9 @@ def test_the_mapping_is_kept_and_used_again(imported, tmp_path):
     other = table(tmp_path / "other.csv", "a,b,c", TIME, DRIVE, POSITION)
     assert "import.yaml says" in status_of(imported(other))
     assert_same(read(tmp_path, "other"))
+    third = table(tmp_path / "third.csv", "a,b,c", TIME, DRIVE, POSITION)
+    refused(imported(third, *chosen), "import.yaml", "exists already")  # and may be corrected by hand
+    status_of(imported(third, *chosen, "--overwrite"))
     strange = table(tmp_path / "strange.csv", "t,x,y", TIME, DRIVE, POSITION)
     refused(imported(strange), "has no column a, b, c", "another rig")
 
@@ -125,6 +128,27 @@ def test_uneven_times_are_interpolated_and_coarse_ones_spread(imported, tmp_path
         imported(table(tmp_path / "second.csv", "time,u,position", coarse, DRIVE, POSITION))
     )
     assert_same(read(tmp_path, "second"))
+
+
+def test_references_of_several_outputs_are_kept(call, tmp_path):
+    file = table(
+        tmp_path / "log.csv", "t,torque,motor_angle,link_speed,a,b", TIME, *(k * POSITION for k in range(1, 6))
+    )
+    options = ("--rig", "flexible_joint", "--out", str(tmp_path / "bags"))
+    wanted = ("--column", "reference_motor_angle=a", "--column", "reference_link_speed=b")
+    status_of(call(app.main, "hybrid-sysid", "import", file, *options, *wanted))
+    channels = bags.read(tmp_path / "bags" / "log", rigs.load("flexible_joint").signals).channels
+    np.testing.assert_allclose(channels["reference_motor_angle"], 4 * POSITION, atol=1e-6)
+    np.testing.assert_allclose(channels["reference_link_speed"], 5 * POSITION, atol=1e-6)
+
+
+def test_a_channel_that_the_rig_has_not_is_refused(imported, tmp_path):
+    file, mapping = table(tmp_path / "log.csv", "t,u,y", TIME, DRIVE, POSITION), tmp_path / "import.yaml"
+    mapping.write_text(
+        "time: {column: t}\ninputs: {drive: {column: u}}\noutputs: {position: {column: y}}\n"
+        "channels: {referense: {column: y}}\n"
+    )
+    refused(imported(file, "--mapping", str(mapping)), "channels.referense", "reference, filtered")
 
 
 def test_a_column_has_its_own_late_and_drifting_clock(imported, tmp_path):
