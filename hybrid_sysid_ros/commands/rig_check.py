@@ -29,7 +29,7 @@ SHOWN = 6
 def command(
     rig: RigPlace,
     seconds: Annotated[
-        float, typer.Option(help="Length of the step responses [s]; 0: two seconds, or 25 to 20000 steps.", min=0.0)
+        float, typer.Option(help="Length of the step responses [s]; 0: two seconds, or 24 to 20000 steps.", min=0.0)
     ] = 0.0,
     as_json: Json = False,
 ) -> None:
