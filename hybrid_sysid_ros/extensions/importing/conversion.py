@@ -127,6 +127,10 @@ class _Conversion:
             )
         rows = stamps.rows + column.shift
         inside = (rows >= 0) & (rows < len(values))
+        if not inside.any():
+            raise UserError(
+                f"{self.path}: shift of {name} is {column.shift}, and {column.column} has {len(values)} rows"
+            )
         times, found = stamps.times[inside], values[rows[inside]]
         known = np.isfinite(found)
         if not known.any():

@@ -19,6 +19,8 @@ SAMPLES_PER_PIECE = 20
 """Fewest samples of a piece between two long gaps that is kept."""
 NEAR = 0.75
 """Distance [sampling times] of a sample from the nearest stamp above which it counts as missing."""
+SHORTEST, LONGEST = 1e-8, 9e9
+"""Shortest sampling time and longest record [s]: bags count nanoseconds, in 64 bits."""
 MOST_SAMPLES_PER_STAMP = 20
 """Most samples per stamp: one stamp far away must not make a grid that fills the memory."""
 
@@ -125,6 +127,12 @@ def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
     times, notes = stamps.times, stamps.notes
     steps = np.diff(times)
     period = float(np.median(steps))
+    span = float(times[-1] - times[0])
+    if period < SHORTEST or span > LONGEST:
+        raise UserError(
+            f"{what}: samples are {period:.3g} s apart, over {span:.3g} s, which no bag can hold; is it in "
+            "another unit (--unit time=us), or is the period another one?"
+        )
     near = np.abs(steps - period) < 0.5 * period
     if near.any():
         period = float(steps[near].mean())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -67,9 +68,10 @@ def command(
     )
     console.print(f"inputs: {', '.join(chosen_in)}; outputs: {', '.join(chosen_out)}; fits in steps of {made.step:g} s")
     console.print(f"{place}: {SYSTEM}, {VALUES} and {FILE}")
-    console.print(f"next: hybrid-sysid rig check {place}")
-    others = "".join(f" --also {item}" for item in also or ())
-    console.print(f"      hybrid-sysid import {file}{others} --rig {place} --out bags")
+    console.print(f"next: hybrid-sysid rig check {shlex.quote(str(place))}")
+    others = [part for item in also or () for part in ("--also", str(item))]
+    arguments = shlex.join(["import", str(file), *others, "--rig", str(place), "--out", "bags"])
+    console.print(f"      hybrid-sysid {arguments}")
 
 
 def _check_columns(log: LogFile, names: list[str]) -> None:

@@ -142,13 +142,17 @@ def test_references_of_several_outputs_are_kept(call, tmp_path):
     np.testing.assert_allclose(channels["reference_link_speed"], 5 * POSITION, atol=1e-6)
 
 
-def test_a_channel_that_the_rig_has_not_is_refused(imported, tmp_path):
+@pytest.mark.parametrize(
+    ("position", "words"),
+    [
+        ("{column: y}}\nchannels: {referense: {column: y}", ("channels.referense", "reference, filtered")),
+        ("{column: y, shift: 1000}", ("shift of position is 1000", "400 rows")),
+    ],
+)
+def test_a_mapping_that_asks_for_what_is_not_there_is_refused(imported, tmp_path, position, words):
     file, mapping = table(tmp_path / "log.csv", "t,u,y", TIME, DRIVE, POSITION), tmp_path / "import.yaml"
-    mapping.write_text(
-        "time: {column: t}\ninputs: {drive: {column: u}}\noutputs: {position: {column: y}}\n"
-        "channels: {referense: {column: y}}\n"
-    )
-    refused(imported(file, "--mapping", str(mapping)), "channels.referense", "reference, filtered")
+    mapping.write_text(f"time: {{column: t}}\ninputs: {{drive: {{column: u}}}}\noutputs: {{position: {position}}}\n")
+    refused(imported(file, "--mapping", str(mapping)), *words)
 
 
 def test_a_column_has_its_own_late_and_drifting_clock(imported, tmp_path):
@@ -180,6 +184,8 @@ def test_a_column_has_its_own_late_and_drifting_clock(imported, tmp_path):
         ((np.repeat(TIME[:200] ** 2, 2), DRIVE, POSITION), (), ("twice, unevenly",)),
         ((TIME, np.full(400, np.nan), POSITION), (), ("holds no number",)),
         ((np.full(400, np.nan), DRIVE, POSITION), (), ("none of its 400 values is a number",)),
+        ((TIME, DRIVE, POSITION), ("--unit", "time=ns"), ("no bag can hold", "another unit")),
+        ((1e20 * TIME, DRIVE, POSITION), (), ("no bag can hold", "another unit")),
         ((TIME[:9], DRIVE[:9], POSITION[:9]), (), ("has 9 samples", "nowhere 20")),
     ],
 )
