@@ -6,21 +6,22 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from threading import Lock, RLock, Thread
 from time import monotonic, monotonic_ns
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Start
-from hybrid_sysid_ros.extensions.commander.language.interpreter import PATIENCE, Interpreter
+from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, stop_in
+from hybrid_sysid_ros.extensions.commander.nodes.command_replies import CommandReplies
 from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import ConfiguredInterpreter, give_way
 from hybrid_sysid_ros.extensions.commander.nodes.controller_services import ControllerServices
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import SUBSCRIBES, LoopMonitor
@@ -91,7 +92,7 @@ class CommanderNode(RigNode):
         silence = round(self.settings["silence"] * SECOND)
         self.monitor = LoopMonitor(self, self.rig, self.writer.tracked, silence=silence)
         self.set_points, self.planned = self.open("set_point"), self.open("planned")
-        self.replies = self.open("command_reply")
+        self.replies = CommandReplies(self)
         self.validators["command_text"] = entry = MessageValidator(String, steady=monotonic_ns)  # people have no stamps
         self.listen(entry, "command_text", self.on_text)
         self.interpreting = ConfiguredInterpreter(self)
@@ -137,15 +138,17 @@ class CommanderNode(RigNode):
                 self.stop(text, emergency=said == EMERGENCY)
                 return
             raise UserError(self.interpreting.missing if self.active else f"the commander is {self.state}: activate it")
-        sentence = interpreter.read(text)
+        self._act(interpreter.read(text))
+
+    def _act(self, sentence: Sentence) -> None:
+        """Stop, or plan and begin to check; raises UserError for what is refused."""
+        text, interpreter = sentence.text, self.interpreting.interpreter
         if sentence.is_stop:
             self.stop(text, emergency=sentence.emergency)
             return
-        self._carry_out(sentence, interpreter)
-
-    def _carry_out(self, sentence: Sentence, interpreter: Interpreter) -> None:
-        """Plan, and begin to check; raises UserError for what is refused."""
-        text = sentence.text
+        if interpreter is None:
+            raise UserError(self.interpreting.missing)
+        sentence = interpreter.unfolded(sentence)
         with self._lock:
             if self.checking:
                 raise UserError(f"{self.checking[:60]!r} is still being checked: wait for its reply, or say stop")
@@ -205,33 +208,28 @@ class CommanderNode(RigNode):
     def confirm(self) -> None:
         """Carry out the plan that waits. Raises UserError where none does, or it is out of date."""
         with self._lock:
-            self._confirm()
-
-    def _confirm(self) -> None:
-        ready, interpreter = self.ready, self.interpreting.interpreter
-        if ready is None or interpreter is None or monotonic() - ready.since > WAITING:
+            ready, interpreter = self.ready, self.interpreting.interpreter
+            if ready is None or interpreter is None or monotonic() - ready.since > WAITING:
+                self.ready = None
+                raise UserError("nothing waits to be confirmed: give a command first")
+            self.monitor.look()
+            plan, here = ready.plan, self.here()
+            words = ready.words
+            if (np.abs(here - plan.values[0]) > 1e-6).any():  # it has moved on: from here, within the same limits
+                plan = interpreter.plan(ready.sentence, here)
+                words = f"{interpreter.story(ready.sentence, plan)}: {ready.forecast.line}"
+            if not self.set_points.get_subscription_count():
+                raise UserError("no reference node is there to follow a plan: start one")
+            if self.stopped:
+                self.controller.call(self.controller.enabler)
+            self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)  # before anything moves
+            self.set_points.publish(self.writer.set_point(plan))
+            self.stopped = self.staying = False
             self.ready = None
-            raise UserError("nothing waits to be confirmed: give a command first")
-        self.monitor.look()
-        plan, here = ready.plan, self.here()
-        words = ready.words
-        if (np.abs(here - plan.values[0]) > 1e-6).any():  # it has moved on: from here, within the same limits
-            plan = interpreter.plan(ready.sentence, here)
-            words = f"{interpreter.story(ready.sentence, plan)}: {ready.forecast.line}"
-        if not self.set_points.get_subscription_count():
-            raise UserError("no reference node is there to follow a plan: start one")
-        if self.stopped:
-            self.controller.call(self.controller.enabler)
-        self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)  # before anything moves
-        self.set_points.publish(self.writer.set_point(plan))
-        self.stopped = self.staying = False
-        self.ready = None
-        interpreter.note(ready.sentence, plan.values[0])
-        self.running = ReadyCommand(
-            sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic(), words=words
-        )
-        self.started = self.monitor.stamp
-        self.carried_out += 1
+            interpreter.note(ready.sentence, plan.values[0])
+            self.running = replace(ready, plan=plan, since=monotonic(), words=words)
+            self.started = self.monitor.stamp
+            self.carried_out += 1
 
     def look(self) -> None:
         """See how far the plan is."""
@@ -248,38 +246,29 @@ class CommanderNode(RigNode):
             self.stop(running.sentence.text)
         else:
             self.reply(running.sentence.text, "done", "done", OK, {})
-        if running.sentence.later is not None:
-            self.wait_for(running.sentence)
+        self.wait_for(running.sentence)
 
     # Conditions.
 
     def wait_for(self, sentence: Sentence) -> None:
         """From now on, until the condition of a sentence comes true or its time is over."""
         if sentence.later is not None and sentence.condition is not None:
-            begin = self.monitor.shown_outputs()
             self.awaited = AwaitedCommand(
-                condition=sentence.condition, sentence=sentence.later, since=monotonic(), begin=begin
-            )
+                condition=sentence.condition, sentence=sentence.later, since=monotonic(),
+                begin=self.monitor.shown_outputs(),
+            )  # fmt: skip
 
     def look_for_condition(self) -> None:
         """Carry out what waits, where its condition has come true; leave it out where its time is over."""
         with self._lock:
-            awaited, now = self.awaited, monotonic()
+            awaited = self.awaited
             if awaited is None or self.checking:
                 return
             try:
-                came = awaited.came(now, self.monitor.shown_outputs(), self.ranges, idle=self.running is None)
-                if not came and now - awaited.since <= max(awaited.condition.delay, PATIENCE):
-                    return
-                self.awaited = None
-                if not came:
-                    raise UserError(f"what it waits for did not come within {PATIENCE:g} s: the rest is left out")
-                if awaited.sentence.is_stop:
-                    self.stop(awaited.sentence.text)
-                elif (interpreter := self.interpreting.interpreter) is None:
-                    raise UserError(self.interpreting.missing)
-                else:
-                    self._carry_out(interpreter.unfolded(awaited.sentence), interpreter)
+                shown, idle = self.monitor.shown_outputs(), self.running is None
+                if awaited.is_due(monotonic(), shown, self.ranges, idle=idle):
+                    self.awaited = None
+                    self._act(awaited.sentence)
             except UserError as error:
                 self.awaited = None
                 self.refuse(awaited.sentence.text, error)
@@ -337,19 +326,9 @@ class CommanderNode(RigNode):
         self.reply(text, "refused", self.words_of(error), ERROR, {})
 
     def reply(self, text: str, state: str, line: str, level: bytes, values: Mapping[str, float]) -> None:
-        """On command_reply, where the bag finds it."""
-        if not self.active:
-            return
-        entries = {"text": text[:300], "state": state, **{name: f"{value:.6g}" for name, value in values.items()}}
-        self.replies.publish(
-            DiagnosticStatus(
-                level=level,
-                name=f"{self.get_fully_qualified_name().strip('/')}: command",
-                message=line,
-                hardware_id=self.rig.name,
-                values=[KeyValue(key=key, value=value) for key, value in entries.items()],
-            )
-        )
+        """On command_reply, while the node is active."""
+        if self.active:
+            self.replies.send(text, state, line, level, values)
 
     def health(self) -> Sequence[Task]:
         state = "running" if self.running else "stopped" if self.stopped else "idle"

@@ -9,9 +9,11 @@ import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language.commands import Condition, Sentence
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast
+from hybrid_sysid_ros.extensions.commander.language.interpreter import PATIENCE
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
 from hybrid_sysid_ros.runtime.configuration import SetPointRange
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 STILL, SHARE = 0.5, 0.01
 """Seconds in which outputs that move by less than this share of their set-points' range are still."""
@@ -43,8 +45,16 @@ class AwaitedCommand:
     seen: list[tuple[float, Array]] = field(default_factory=list)
     """Outputs of the last STILL seconds, by steady time."""
 
-    def came(self, now: float, shown: Array, ranges: Sequence[SetPointRange], *, idle: bool) -> bool:
-        """Whether it has come true, by the outputs (outputs,) as they are shown; idle: that no plan is carried out."""
+    def is_due(self, now: float, shown: Array, ranges: Sequence[SetPointRange], *, idle: bool) -> bool:
+        """Whether the condition has come true, by the outputs (outputs,) as they are shown; idle: that no plan is
+        carried out. Raises UserError where its time is over.
+        """
+        came = self._came(now, shown, ranges, idle=idle)
+        if not came and now - self.since > max(self.condition.delay, PATIENCE):
+            raise UserError(f"what it waits for did not come within {PATIENCE:g} s: the rest is left out")
+        return came
+
+    def _came(self, now: float, shown: Array, ranges: Sequence[SetPointRange], *, idle: bool) -> bool:
         if self.condition.delay:
             return now - self.since >= self.condition.delay
         if self.condition.output is not None:

@@ -23,7 +23,12 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.extensions.commander.nodes import command_client, commander, configured_interpreter
+from hybrid_sysid_ros.extensions.commander.nodes import (
+    command_client,
+    commander,
+    configured_interpreter,
+    waiting_commands,
+)
 from hybrid_sysid_ros.extensions.commander.nodes.command_client import CommandClient
 from hybrid_sysid_ros.extensions.commander.nodes.commander import CommanderNode
 from hybrid_sysid_ros.nodes.controller import ControllerNode
@@ -226,7 +231,7 @@ def test_a_stop_may_wait_and_leaves_what_runs_alone_until_then(loop: Loop) -> No
 
 
 def test_a_condition_that_never_comes_is_told_and_left_out(loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commander, "PATIENCE", 0.1)
+    monkeypatch.setattr(waiting_commands, "PATIENCE", 0.1)
     loop.say("when it reaches 5 V, go to 2 V")
     loop.bench.until(lambda: state(loop.replies[-1]) == "refused")
     assert "left out" in loop.replies[-1].message
