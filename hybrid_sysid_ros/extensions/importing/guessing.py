@@ -23,7 +23,22 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.units import named
 from hybrid_sysid_ros.support.errors import UserError, UserErrors
 
-TIMES = ("time", "t", "timestamp", "stamp", "seconds", "sec", "s", "zeit", "tempo", "temps", "elapsed", "clock", "date")
+TIMES = (
+    "time",
+    "t",
+    "timestamp",
+    "stamp",
+    "seconds",
+    "sec",
+    "s",
+    "zeit",
+    "tempo",
+    "temps",
+    "elapsed",
+    "clock",
+    "date",
+    "ts",
+)
 PERIODS = ("ts", "dt", "period", "sampletime", "samplingtime", "tsample")
 INPUTS = (
     "u", "in", "input", "cmd", "command", "ctrl", "control", "drive", "force", "torque", "voltage", "volt", "pwm",
@@ -132,19 +147,29 @@ def time_of(
     """
     stamped = [name for name in dict.fromkeys(item.time for item in file.columns.values()) if name]
     words = {column.name: {*words_of(column.name)} for column in free}
+    periods = {
+        column.name
+        for column in free
+        if words[column.name] & {*PERIODS}
+        and _is_time(column)
+        and not (words[column.name] & {*TIMES} and _rises(file, column))
+    }
     likely = [
-        column for column in free if column.name in stamped or (words[column.name] & {*TIMES} and _is_time(column))
+        column
+        for column in free
+        if column.name in stamped or (words[column.name] & {*TIMES} and _is_time(column) and column.name not in periods)
     ]
 
     def rank(column: LogColumn) -> tuple[bool, int]:
         return column.name not in stamped, min(map(TIMES.index, words[column.name] & {*TIMES}), default=0)
 
-    periods = [column for column in free if words[column.name] & {*PERIODS}]
-    left = [column for column in free if column not in likely and column not in periods]
+    left = [column for column in free if column not in likely and column.name not in periods]
     name = given.get("time") or next((column.name for column in sorted(likely, key=rank)), "")
     if not (name or period) and periods:
-        values = file.read([periods[0].name])[periods[0].name]
-        period = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
+        chosen = next(column for column in free if column.name in periods)
+        values = file.read([chosen.name])[chosen.name]
+        if np.isfinite(values).any():
+            period = float(np.nanmedian(values)) * (seconds_of(chosen.unit or "s") or 1.0)
     if period:
         return TimeColumn(period=period), left
     if not name:
@@ -157,6 +182,13 @@ def time_of(
 
 def _is_time(column: LogColumn) -> bool:
     return not column.unit or seconds_of(column.unit) is not None
+
+
+def _rises(file: LogFile, column: LogColumn) -> bool:
+    """Whether the values are times, and no sampling time that each row has."""
+    values = file.read([column.name])[column.name]
+    values = values[np.isfinite(values)]
+    return len(values) > 1 and bool(values[-1] > values[0] and (np.diff(values) >= 0.0).all())
 
 
 def _is_sure(scores: Sequence[tuple[float, LogColumn]]) -> bool:

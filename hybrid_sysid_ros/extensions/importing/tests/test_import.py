@@ -67,6 +67,15 @@ def test_names_units_delimiters_and_decimal_signs_are_found(imported, tmp_path, 
     assert_same(read(tmp_path), samples=400)
 
 
+@pytest.mark.parametrize(
+    ("header", "times"),
+    [("ts,drive,position", 1.7e9 + TIME), ("dt [ms],drive,position", np.full(400, 10.0))],
+    ids=["times", "sampling time"],
+)
+def test_a_sampling_time_in_each_row_is_told_from_times(imported, tmp_path, header, times):
+    assert "one in 0.01 s" in status_of(imported(table(tmp_path / "log.csv", header, times, DRIVE, POSITION)))
+
+
 def test_the_mapping_is_kept_and_used_again(imported, tmp_path):
     file = table(tmp_path / "log.csv", "a,b,c", TIME, DRIVE, POSITION)
     status, _, error = imported(file)
