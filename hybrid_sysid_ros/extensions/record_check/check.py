@@ -1,4 +1,8 @@
-"""The check of a record: every fault that it shows, the costliest first."""
+"""The check of a record: every fault that it shows, the costliest first.
+
+Thresholds here and beside are set by hand: python -m benchmarks.trust check measures, with seeds of its own, how many
+of thirty kinds of faults are named first at them, and how many good records are accused.
+"""
 
 from __future__ import annotations
 
@@ -32,13 +36,13 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     found += _whole(record, signals)
     if not any(item.cost >= 1.0 for item in found):
         found += response_findings(record, rig, signals)
-        found = [item for item in (_of_held_input(item, record, rig, signals) for item in found) if item]
+        found = [item for item in (_of_held_input(item, record, rig) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
 
 
-def _of_held_input(item: RecordFinding, record: Record, rig: Rig, signals: list[CheckedSignal]) -> RecordFinding | None:
+def _of_held_input(item: RecordFinding, record: Record, rig: Rig) -> RecordFinding | None:
     """A held input is no fault where the outputs answer it at its times; where nobody can tell, it is a remark."""
-    if item.kind != "held" or not any(item.words.startswith(f"{one.name} ") for one in signals if one.is_input):
+    if not item.samples:
         return item
     acts = input_acts_as_held(record, rig, item.samples)
     return None if acts else item if acts is False else replace(item, cost=0.2)

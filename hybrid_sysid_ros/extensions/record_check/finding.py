@@ -20,7 +20,7 @@ class RecordFinding:
     """What was seen, where."""
     cure: str
     samples: int = 0
-    """Of a held signal, the samples between its changes."""
+    """Of a held input, the samples between its changes."""
 
     @property
     def blocks(self) -> bool:

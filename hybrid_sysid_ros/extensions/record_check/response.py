@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import coherence, welch
+from scipy.signal import coherence, correlate, welch
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import rollouts
@@ -98,9 +98,8 @@ def aligned(measured: Array, expected: Array, good: NDArray[np.bool_], apart: in
     kept = good[apart:] & good[:-apart]
     m = np.where(kept, m - m[kept].mean() if kept.any() else 0.0, 0.0)
     p = p - p.mean()
-    size = 1 << int(len(m) + longest).bit_length()
-    cross = np.fft.irfft(np.fft.rfft(m, size) * np.conj(np.fft.rfft(p, size)), size)
-    cross = np.concatenate([cross[-longest:], cross[: longest + 1]])
+    longest = min(longest, len(m) - 1)
+    cross = correlate(m, p, method="fft")[len(m) - 1 - longest : len(m) + longest]
     power = float(np.sqrt((m @ m) * (p[kept] @ p[kept]))) or 1e-300
     correlation = cross / power
     best = int(np.argmax(np.abs(correlation)))
@@ -211,9 +210,10 @@ def _judged(
         return
     if abs(found.lag) > max(SHORTEST_LAG, SHARE * apart) and found.correlation > 0.75:
         way = "later" if late > 0 else "earlier"
+        shown = f"{1e3 * abs(late):.3g} ms" if abs(late) < 1.0 else f"{abs(late):.3g} s"
         yield RecordFinding(
             kind="delay", cost=min(0.79, 0.5 + 0.3 * abs(found.lag) / (10 * apart)),
-            words=f"{signal.name} answers {1e3 * abs(late):.3g} ms {way} than the rig's physics say",
+            words=f"{signal.name} answers {shown} {way} than the rig's physics say",
             cure=f"shift: {round(found.lag)} of its column in import.yaml; or give the rig that delay, if it is real",
         )  # fmt: skip
     apart_from = signal.values - expected
@@ -223,7 +223,7 @@ def _judged(
     if straight and rise > 0.8 * float(np.ptp(expected)) and found.correlation > 0.7:
         yield RecordFinding(
             kind="sensor drift", cost=0.6,
-            words=f"{signal.name} leaves what the rig's physics say by {rise:.3g} {signal.unit}, along a straight line",
+            words=f"{signal.name} leaves what the rig's physics say by {signal.shown(rise)}, along a straight line",
             cure="let the sensor warm up, or take the line away; in a rig that integrates, an offset looks alike",
         )  # fmt: skip
     if not 0.72 < found.scale < 1.38 and found.correlation > 0.75:
@@ -272,14 +272,15 @@ def _frozen(signal: CheckedSignal, expected: Array) -> Iterator[RecordFinding]:
         for start, size in found:
             signal.spoilt[start : start + size] = True
         lost = sum(size for _, size in found)
-        value = signal.values[found[0][0]]
+        value = float(signal.values[found[0][0]])
         at_end = min(abs(value - signal.values.max()), abs(value - signal.values.min())) <= 1e-6 * signal.span
         yield RecordFinding(
             kind="clipped" if at_end else "frozen", cost=min(0.79, 0.55 + 0.5 * lost / len(expected)),
-            words=f"{signal.name} stays at {signal.values[found[0][0]]:.4g} {signal.unit} for "
+            words=f"{signal.name} stays at {signal.shown(value)} for "
             f"{max(size for _, size in found) * signal.period:.3g} s from {signal.at(found[0][0])} on, "
             f"{lost / len(expected):.1%} of the record, while the inputs drive it on",
-            cure="leave that part out (--part), and look for the sensor's cable or a full buffer",
+            cure="leave that part out (--part), and "
+            + ("enlarge the range or drive less" if at_end else "look for the sensor's cable or a full buffer"),
         )  # fmt: skip
 
 

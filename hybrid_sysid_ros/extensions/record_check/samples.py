@@ -56,6 +56,10 @@ class CheckedSignal:
     def at(self, sample: int) -> str:
         return f"sample {sample} ({sample * self.period:.4g} s)"
 
+    def shown(self, value: float) -> str:
+        """A value with its unit."""
+        return f"{value:.4g} {'' if self.unit == '1' else self.unit}".rstrip()
+
     def resolution(self) -> float:
         """Least step between two values; 0 where they are not quantised."""
         steps = np.diff(np.unique(self.values))
@@ -79,7 +83,7 @@ def sample_findings(signal: CheckedSignal) -> Iterator[RecordFinding]:
     if signal.span == 0.0:
         kind = "no excitation" if signal.is_input else "constant output"
         yield RecordFinding(
-            kind=kind, cost=1.0, words=f"{signal.name} is {signal.values[0]:.4g} {signal.unit} throughout",
+            kind=kind, cost=1.0, words=f"{signal.name} is {signal.shown(signal.values[0])} throughout",
             cure="name the right column, or " + ("drive the rig by it" if signal.is_input else "repair the sensor"),
         )  # fmt: skip
         return
@@ -114,7 +118,7 @@ def _clipped(signal: CheckedSignal) -> Iterator[RecordFinding]:
         signal.spoilt |= np.abs(y - extreme) <= 1e-6 * signal.span
         yield RecordFinding(
             kind="clipped", cost=min(0.79, 0.5 + 2.0 * length.sum() / len(y)),
-            words=f"{signal.name} has {len(first)} flat tops at its {end} value {extreme:.4g} {signal.unit}, the first "
+            words=f"{signal.name} has {len(first)} flat tops at its {end} value {signal.shown(extreme)}, the first "
             f"at {signal.at(int(first[0]))}, {length.sum() / len(y):.1%} of the samples",
             cure="enlarge the range of the converter or drive less; leave those parts out (--part)",
         )  # fmt: skip
@@ -130,7 +134,7 @@ def _held(signal: CheckedSignal) -> Iterator[RecordFinding]:
         dense = len(changes) * k / (changes[-1] - changes[0] + 1)
         if regular > 0.95 and dense > 0.55:
             yield RecordFinding(
-                kind="held", cost=0.6, samples=k,
+                kind="held", cost=0.6, samples=k if signal.is_input else 0,
                 words=f"{signal.name} changes only every {k} samples, {1 / (k * signal.period):.4g} times a second",
                 cure="record it at the rate of the others; if it was applied so, go on",
             )  # fmt: skip
@@ -152,7 +156,7 @@ def _spikes(signal: CheckedSignal) -> Iterator[RecordFinding]:
         worst = int(np.argmax(away))
         yield RecordFinding(
             kind="spikes", cost=min(0.75, 0.4 + 20.0 * far.mean() + 0.1 * away[worst] / signal.span),
-            words=f"{signal.name} has {len(first)} spikes, the farthest to {y[worst]:.4g} {signal.unit} at "
+            words=f"{signal.name} has {len(first)} spikes, the farthest to {signal.shown(y[worst])} at "
             f"{signal.at(worst)}",
             cure="repair the wiring or the driver; leave those parts out (--part)",
         )  # fmt: skip
@@ -189,7 +193,7 @@ def _hum(signal: CheckedSignal) -> Iterator[RecordFinding]:
             alias = mains > rate / 2
             yield RecordFinding(
                 kind="aliasing" if alias else "hum", cost=min(0.65, 0.3 + 2.0 * amplitude / signal.span),
-                words=f"{signal.name} has a line of {amplitude:.3g} {signal.unit} at {seen:.4g} Hz, "
+                words=f"{signal.name} has a line of {signal.shown(amplitude)} at {seen:.4g} Hz, "
                 + (f"the mirror image of {mains:g} Hz at {rate:.4g} samples/s" if alias else "that of the mains"),
                 cure="put a low-pass before the converter, and sample faster" if alias else "shield the sensor's cable",
             )  # fmt: skip
@@ -206,7 +210,7 @@ def _noise(signal: CheckedSignal) -> Iterator[RecordFinding]:
     if rms > 2.5 * usual and rms > 2e-3 * signal.span:
         yield RecordFinding(
             kind="noise", cost=min(0.65, 0.3 + 3.0 * rms / signal.span),
-            words=f"{signal.name} has noise of {rms:.3g} {signal.unit} rms, the rig's sensor {usual:.3g}",
+            words=f"{signal.name} has noise of {signal.shown(rms)} rms, the rig's sensor {usual:.3g}",
             cure="look for a loose contact or a cable beside the drive's; or correct sensors in rig.yaml",
         )  # fmt: skip
 
@@ -219,6 +223,6 @@ def _coarse(signal: CheckedSignal) -> Iterator[RecordFinding]:
     if step > 0.004 * signal.span:
         yield RecordFinding(
             kind="quantisation", cost=min(0.65, 0.3 + 5.0 * step / signal.span),
-            words=f"{signal.name} comes in steps of {step:.3g} {signal.unit}, {signal.span / step:.0f} in all",
+            words=f"{signal.name} comes in steps of {signal.shown(step)}, {signal.span / step:.0f} in all",
             cure="use more bits or a smaller range, and keep all digits when exporting",
         )  # fmt: skip
