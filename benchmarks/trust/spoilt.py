@@ -139,7 +139,8 @@ COUNTS, SMALL = (3, 10, 40), (0.01, 0.003, 0.001)
 
 
 def _clocked(record: Record, drift: float) -> Record:
-    return _last(record, lambda y: np.interp(record.time * (1.0 + drift), record.time, y))
+    """The clock of the output counts 1 + drift seconds in a second."""
+    return _last(record, lambda y: np.interp(record.time / (1.0 + drift), record.time, y))
 
 
 def _held(values: Array, seconds: float, record: Record) -> Array:
