@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import keyword
 import re
 from collections.abc import Sequence
@@ -91,7 +92,8 @@ def made_rig(
         column = file.columns[item]
         own = column.time or time.column
         at = clean_stamps(time.seconds * columns[own], f"{file.path}: {own}") if own else stamps
-        values = columns[item][at.rows[at.rows < len(columns[item])]]
+        inside = at.rows < len(columns[item])
+        values, times_of = columns[item][at.rows[inside]], at.times[inside]
         known = np.isfinite(values)
         if not known.any() or np.ptp(values[known]) == 0.0:
             raise UserError(
@@ -99,7 +101,7 @@ def made_rig(
             )
         unit = units.get(item, column.unit)
         si, factor = _si(unit)
-        sampled = np.interp(grid.times, at.times[: len(values)][known], factor * values[known])
+        sampled = np.interp(grid.times, times_of[known], factor * values[known])
         signals.append(MadeSignal(name=names[item], column=column, unit=si, factor=factor, values=sampled))
     made_inputs, made_outputs = signals[: len(inputs)], signals[len(inputs) :]
     step, band = _time_scale(made_outputs, grid.period)
@@ -183,7 +185,7 @@ def _system_text(
     several = len(outputs) > 1 or len(inputs) > 1
     states, fields, rates = [], [], []
     for item in outputs:
-        states += [f'"{item.name} [{item.unit}]"', f'"{item.name}_rate [{item.unit}/s]"']
+        states += [_quoted(f"{item.name} [{item.unit}]"), _quoted(f"{item.name}_rate [{item.unit}/s]")]
         *values, offset, constant, damping = _equation(
             item.values, [u.values for u in inputs], round(step / period), step, band
         )
@@ -207,7 +209,8 @@ def _system_text(
         slow = f"2.0 * self.{own}damping * self.{own}time_constant * {item.name}_rate"
         rates += [f"{item.name}_rate", f"({pull} - {item.name} - {slow}) / self.{own}time_constant**2"]
     names = "".join(f"{item.name}, {item.name}_rate, " for item in outputs).removesuffix(", ")
-    return f'''"""{name}: equations to begin with, made of {file.path.name}; replace them by the physics."""
+    plain = re.sub(r"[^\w. -]", "_", file.path.name)
+    return f'''"""{name}: equations to begin with, made of {plain}; replace them by the physics."""
 
 from __future__ import annotations
 
@@ -217,11 +220,11 @@ from hybrid_sysid_ros.core import RungeKutta, System, bounded
 
 
 @dataclass(frozen=True, kw_only=True)
-class {"".join(part.capitalize() for part in name.split("_"))}(System):
+class {_class_name(name)}(System):
     """T^2 y'' = gain u + offset - y - 2 damping T y', for each output y; T is the time constant."""
 
     states = ({", ".join(states)})
-    inputs = ({", ".join(f'"{item.name} [{item.unit}]"' for item in inputs)},)
+    inputs = ({", ".join(_quoted(f"{item.name} [{item.unit}]") for item in inputs)},)
     outputs = ({", ".join(f'"{item.name}"' for item in outputs)},)
     stepper = RungeKutta()
 
@@ -236,9 +239,20 @@ class {"".join(part.capitalize() for part in name.split("_"))}(System):
 '''
 
 
+def _class_name(rig: str) -> str:
+    """The class of a rig's system: DrillString of drill_string."""
+    name = "".join(part.capitalize() for part in rig.split("_"))
+    return name if name.isidentifier() and not keyword.iskeyword(name) else f"Rig{name}"
+
+
+def _quoted(text: str) -> str:
+    """A text of a file as Python reads it: whatever it holds, it stays a text."""
+    return json.dumps(text, ensure_ascii=False)
+
+
 def _field(name: str, value: float, low: float, high: float, unit: str, words: str) -> str:
     text = f'    """{words}"""\n' if words else ""
-    return f'    {name}: float = bounded({value:.4g}, {low:.3g}, {high:.3g}, unit="{unit}")\n{text}'
+    return f"    {name}: float = bounded({value:.4g}, {low:.3g}, {high:.3g}, unit={_quoted(unit)})\n{text}"
 
 
 def _values_text(

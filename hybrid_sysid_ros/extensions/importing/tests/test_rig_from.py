@@ -75,6 +75,21 @@ def test_two_files_of_one_record_are_joined(program, tmp_path, monkeypatch):
     np.testing.assert_allclose(record.input[:-1, 0], inputs[:-1])
 
 
+def test_what_a_file_says_of_itself_stays_text(program, tmp_path, monkeypatch):
+    """A unit and a file's name that would end the text in which they stand, and a name that Python has."""
+    import h5py
+
+    monkeypatch.chdir(tmp_path)
+    strange_file = 'a""" + 1 + """.h5'
+    strange = 'V" + "[" + str(1 / 0) + "'
+    with h5py.File(strange_file, "w") as file:
+        for name, values in zip(("time", "u", "y"), response(0.02, 400), strict=True):
+            file[name] = values
+        file["u"].attrs["unit"] = strange
+    assert program("rig", "from", strange_file, "./none")[0] == 0
+    assert hs.load_rig("./none").system.inputs[0].unit == strange
+
+
 @pytest.mark.parametrize(
     ("header", "arguments", "words"),
     [
