@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.accuracy.statistics import Verdict, overall
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
+from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant
 from hybrid_sysid_ros.support.arrays import Array
 
 MODELS, LIVE, SIMULATED = 50, 10, 100
@@ -51,13 +51,10 @@ def sled(folder: Path) -> Rig:
 def wrong_ones(rig: Rig, given: Mapping[str, Any]) -> Iterator[System]:
     """Systems whose loop is moved by MOVED."""
     random, values = np.random.default_rng(0), np.array([rig.system.named[p.name] for p in rig.system.parameters])
-    where = Range(seed=0, **given)
-    controller = where.controller().controller
+    run = Range(seed=0, **given).loop()
 
     def loop(system: System) -> tuple[Array, Array]:
-        schedule = where.schedule
-        plant = predicted_plant(rig, system)
-        done = simulated_loop(rig, where.model, controller, schedule, duration=schedule.duration, plant=plant)
+        done = run(predicted_plant(rig, system))
         return done.outputs, done.references
 
     right, references = loop(rig.system)

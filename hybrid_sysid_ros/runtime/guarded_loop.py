@@ -27,7 +27,7 @@ def guarded_loop(rig: Rig, model: Model, settings: Mapping[str, Any] | None = No
     return GuardedController(
         controller_of(rig, model, given).controller,
         Guard(guard_settings(given, rig, model.system)),
-        estimator_of(rig, model.system, values),
+        estimator_of(rig, model.system, values, latency=given["latency"]),
         rest=np.array([actuator.rest for actuator in rig.actuators]),
         lead=model.system.delay + given["latency"],
     )

@@ -28,6 +28,7 @@ def loop_numbers(
     settling (parts,) [s]: for which it is not small, after all steps together; path (parts, POINTS):
     the output; input (m, POINTS).
     """
+    time = np.round(time, 9)  # to the nanosecond, so that a stamp and a computed time are in the same part
     settings = configuration.defaults(rig, "controller")
     end = END * settings["horizon"] * settings["period"]
     found: dict[str, list[Array]] = {name: [] for name in ("miss", *MEASURES)}

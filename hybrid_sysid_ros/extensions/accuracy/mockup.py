@@ -30,6 +30,8 @@ from hybrid_sysid_ros.models import Model, build
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.experiments import simulate_experiment
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import defaults
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import Report
@@ -69,12 +71,15 @@ def mockup(setup: Setup, out: Path, fire: Fire, shooting: ShotPlan, tell: Report
     rig, plan = setup.rig, setup.plan
     schedule, box = rig.schedule(plan.reference), _box(setup)
     least, live = fewest(len(schedule.windows)), len(shooting.recorded) or shooting.live
-    for name, count in (("live", live), ("simulated", shooting.simulated)):
+    for name, count in (
+        ("live-bags" if shooting.recorded else "live", live),
+        ("simulated", shooting.simulated),
+    ):
         if count < least:
-            raise UserError(f"--{name} {count}: the parts of {schedule.name} need {least} shots at least")
+            raise UserError(f"--{name}: {count} shots, but the parts of {schedule.name} need {least} at least")
     prior = prior_of(setup, box)
     given: dict[str, Any] = {"rig": rig, "schedule": schedule}
-    shots: dict[str, Any] = {**given, "fleet": shooting.fleet, "sensed": bool(shooting.recorded)}
+    shots: dict[str, Any] = {**given, "fleet": shooting.fleet, "latency": latency_of(rig, shooting.recorded)}
     runs: dict[str, MonteCarloRuns] = {}
     models: dict[str, Model] = {"prior": prior}
     errors: dict[str, dict[str, dict[str, float]]] = {}
@@ -90,7 +95,8 @@ def mockup(setup: Setup, out: Path, fire: Fire, shooting: ShotPlan, tell: Report
             models[structure] = identified(setup, structure, learnt, out / structure)
         model = models[plan.structure]
         errors, ahead = tested(setup, models, kept)
-    tell("3 firing shots of the prior, of the model and of the rig, under the controller of the model")
+    whose = "the prior and of the model" if shooting.recorded else "the prior, of the model and of the rig"
+    tell(f"3 firing shots of {whose}, under the controller of the model")
     as_prior = Range(model=model, seed=setup.seed, predicted=True, stand_in=prior.system, **shots)
     runs["prior"] = fire(as_prior, shooting.simulated, "shots of the prior")
     simulated = Range(model=model, seed=setup.seed + 1, predicted=True, **shots)
@@ -112,7 +118,7 @@ def mockup(setup: Setup, out: Path, fire: Fire, shooting: ShotPlan, tell: Report
         errors=errors,
         ahead=ahead,
         runs=runs,
-        loop=shooting.recorded[0] if shooting.recorded else real.fire(0, real.controller())[0],
+        loop=shooting.recorded[0] if shooting.recorded else real.fire(0, real.loop())[0],
         accuracy=accuracy,
         compared={name: compared(runs[name], runs["live"], setup.seed, shooting.matters) for name in AGAINST},
         verdict=(),
@@ -134,6 +140,13 @@ def compared(
         )
     )
     return {of: [next(found) for _ in items] for of, items in theirs.items()}
+
+
+def latency_of(rig: Rig, loops: Sequence[LoopRecord]) -> float | None:
+    """Time from a reading to its command in recorded loops [s]: the nodes' parameter, 0 in lockstep; None for none."""
+    if not loops:
+        return None
+    return float(defaults(rig, "controller")["latency"]) if any(loop.is_real_time for loop in loops) else 0.0
 
 
 def _box(setup: Setup) -> str:

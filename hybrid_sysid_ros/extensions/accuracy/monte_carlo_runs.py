@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,22 +13,29 @@ from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.scenarios import plant_near
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.accuracy.loop_measures import loop_numbers, quantities
+from hybrid_sysid_ros.extensions.accuracy.node_loop import node_loop
 from hybrid_sysid_ros.extensions.accuracy.statistics import ShotQuantity, Shots
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.controllers import ConfiguredController, controller_of
+from hybrid_sysid_ros.runtime.controllers import controller_of
+from hybrid_sysid_ros.runtime.guarded_loop import guarded_loop
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
 
+SAME, NEAR = 0.95, 0.02
+"""Share of a recorded loop's samples, and of the largest reference, within which its reference is the same: a preview
+has points, between which steps are lines.
+"""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Range:
-    """Where shots are fired: a reference of a rig, followed by the exact MPC on a model.
+    """Where shots are fired: a reference of a rig, followed by the exact MPC on a model by the rig's parameters.
 
     A shot's plant is the rig, or what stands in for it. Its beginning (push) and a constant offset of its inputs
     (disturbance) are drawn by the deviations of the rig's policy_training; in a fleet so is each physical parameter.
@@ -46,29 +54,34 @@ class Range:
     """Stands in for the rig in place of the model's system."""
     fleet: bool = False
     """Whether each shot is of another plant, as of a series; one plant by default."""
-    sensed: bool = False
-    """Whether outputs have the sensors' noise, as recorded ones are."""
+    latency: float | None = None
+    """Time from a reading to its command [s] in the loop of the nodes, whose outputs are readings, as those of a bag.
+    By default it is the controller's own loop: at its period, at once, outputs without noise.
+    """
     doubted: bool = False
     """Whether it does so with parameters drawn from the covariance of its identification."""
 
     def __call__(self, numbers: Sequence[int]) -> NamedArrays:
         """Fire shots by their numbers: arrays with a row for each; see :class:`MonteCarloRuns`."""
-        controller = self.controller()
-        rows = [self._row(number, *self.fire(number, controller)) for number in numbers]
+        loop = self.loop()
+        rows = [self._row(*self.fire(number, loop)) for number in numbers]
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
-    def controller(self) -> ConfiguredController:
-        """The exact MPC by the rig's parameters, which takes its time, so that a shot repeats."""
-        settings = configuration.defaults(self.rig, "controller")
-        return controller_of(self.rig, self.model, {**settings, "policy": "exact", "policy_path": "", "lockstep": True})
+    def loop(self) -> Callable[[Plant], ClosedLoop]:
+        """What runs a shot. The MPC takes its time, so that a shot repeats."""
+        schedule, settings = self.schedule, {"policy": "exact", "policy_path": "", "lockstep": True}
+        if self.latency is not None:
+            guarded = guarded_loop(self.rig, self.model, {**settings, "latency": self.latency})
+            return partial(node_loop, self.rig, guarded, schedule, latency=self.latency)
+        made = controller_of(self.rig, self.model, {**configuration.defaults(self.rig, "controller"), **settings})
+        return lambda plant: simulated_loop(
+            self.rig, self.model, made.controller, schedule, duration=schedule.duration, plant=plant
+        )
 
-    def fire(self, number: int, made: ConfiguredController) -> tuple[ClosedLoop, Plant]:
+    def fire(self, number: int, loop: Callable[[Plant], ClosedLoop]) -> tuple[ClosedLoop, Plant]:
         """One shot, as it went."""
         plant = self.plant(number)
-        duration = self.schedule.duration
-        return simulated_loop(
-            self.rig, self.model, made.controller, self.schedule, duration=duration, plant=plant
-        ), plant
+        return loop(plant), plant
 
     @property
     def real(self) -> System:
@@ -93,12 +106,8 @@ class Range:
         plant.reset(initial)
         return plant
 
-    def _row(self, number: int, loop: ClosedLoop, plant: Plant) -> NamedArrays:
-        outputs = loop.outputs
-        if self.sensed:
-            noise = [sensor.noise * sensor.scale for sensor in self.rig.sensors]
-            outputs = outputs + np.random.default_rng((self.seed, number, 1)).normal(size=outputs.shape) * noise
-        numbers = loop_numbers(self.rig, self.schedule, loop.time, outputs, loop.references, loop.inputs)
+    def _row(self, loop: ClosedLoop, plant: Plant) -> NamedArrays:
+        numbers = loop_numbers(self.rig, self.schedule, loop.time, loop.outputs, loop.references, loop.inputs)
         sound = [bool(np.all(np.isfinite(loop.outputs))), plant.stopped == 0, self._valid(loop)]
         return {**numbers, "sound": np.array(sound)}
 
@@ -121,7 +130,8 @@ class Range:
             "schedule": self.schedule.name,
             "seed": self.seed,
             "in_its_place": None if self.stand_in is None else [repr(self.stand_in), self.stand_in.values.tolist()],
-            "stands_in": [self.predicted, self.doubted, self.fleet, self.sensed],
+            "stands_in": [self.predicted, self.doubted, self.fleet],
+            "latency": self.latency,
         }
 
 
@@ -179,14 +189,16 @@ def recorded_runs(where: Range, loops: Sequence[LoopRecord]) -> MonteCarloRuns:
     rig, schedule, rows = where.rig, where.schedule, []
     low, high = limits(rig)
     for loop in loops:
-        wanted = np.stack([d.si(schedule(loop.time)[:, k]) for k, d in enumerate(rig.display)], axis=1)
-        if loop.time[0] > 0.0 or loop.time[-1] < schedule.duration - 2.0 * float(np.median(np.diff(loop.time))):
+        wanted = schedule(loop.time) * [display.scale for display in rig.display]
+        slack = 2.0 * float(np.median(np.diff(loop.time)))
+        if loop.time[0] > slack or loop.time[-1] < schedule.duration - slack:
             raise UserError(
                 f"{loop.source}: holds {loop.time[0]:.3g} to {loop.time[-1]:.3g} s of a loop, but {schedule.name} "
                 f"lasts {schedule.duration:g} s: record it whole"
             )
-        off = [float(np.nanmedian(np.abs(loop.reference[:, k] - wanted[:, k]))) for k in loop.tracked]
-        if any(part > 1e-3 * float(np.max(np.abs(wanted))) for part in off):
+        followed = loop.within(0.0, schedule.duration)
+        off = np.nanquantile(np.abs(loop.reference - wanted)[followed][:, loop.tracked], SAME, axis=0)
+        if np.any(off > NEAR * np.max(np.abs(wanted[:, loop.tracked]), axis=0)):
             raise UserError(
                 f"{loop.source}: followed another reference than {schedule.name}: record that, or name "
                 f"the other one in demo.reference of {rig.file}"

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands import app
-from hybrid_sysid_ros.extensions.accuracy.mockup import compared
-from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, drawn
+from hybrid_sysid_ros.extensions.accuracy.loop_measures import loop_numbers
+from hybrid_sysid_ros.extensions.accuracy.mockup import ShotPlan, compared, latency_of, mockup
+from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, drawn, recorded_runs
+from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import write_mockup
 from hybrid_sysid_ros.extensions.accuracy.setup import Setup
-from hybrid_sysid_ros.extensions.accuracy.statistics import ShotQuantity, Verdict, compare, overall
+from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy, ShotQuantity, Verdict, compare, overall
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
 
@@ -148,16 +153,51 @@ def test_parameters_are_drawn_by_their_covariance_and_kept_in_their_bounds(exact
     np.testing.assert_allclose(table.mean(axis=0), [1.5, 4.0], atol=0.02)
     np.testing.assert_allclose(np.cov(table.T), COVARIANCE, rtol=0.12)
     assert {item["friction"] for item in values} == {0.8}
-    wide = dataclasses.replace(exact, covariance=100.0 * COVARIANCE)
+    wide = replace(exact, covariance=100.0 * COVARIANCE)
     masses = [drawn(wide, random).named["mass"] for _ in range(200)]
     assert min(masses) == 0.1  # its lowest value
 
 
 @pytest.mark.slow
+def test_a_recorded_loop_is_a_shot_of_the_rig(call, sled, exact, tmp_path):
+    """Numbers of the nodes' loop are those of a simulated shot, bit by bit up to rounding; a page tells the verdict."""
+    model, bag = tmp_path / "model", tmp_path / "loop"
+    exact.save(model)
+    rig = ("--rig", str(sled.folder), "--model", str(model))
+    run = ("hybrid-sysid", "run", *rig, "--policy", "exact", "--lockstep", "--composed", "--seed", "1")
+    status, _, error = call(app.main, *run, "--bag", str(bag))
+    assert status == 0, error
+    loop = LoopRecord.from_bag(bag, sled)
+    assert latency_of(sled, [loop]) == 0.0
+    where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=0, latency=0.0)
+    recorded = recorded_runs(where, [loop]).rows
+    shot = where.loop()(Plant(sled, seed=1, bias=sled.bias))
+    numbers = loop_numbers(sled, where.schedule, shot.time, shot.outputs, shot.references, shot.inputs)
+    for name, values in numbers.items():
+        np.testing.assert_allclose(recorded[name][0], values, rtol=1e-6, atol=1e-6, err_msg=name)
+    random = np.random.default_rng(0)
+    others = [replace(loop, outputs=loop.outputs + random.normal(size=loop.outputs.shape) * 1e-4) for _ in range(2)]
+    nothing = Discrepancy(mean=0.5, spread=0.0)
+    plan = ShotPlan(live=9, simulated=4, plants=2, discrepancy=nothing, recorded=[loop, *others], model=exact)
+    found = mockup(Setup.of(sled), tmp_path, lambda where, count, name: runs(where, count), plan, lambda line: None)
+    assert not found.errors
+    assert len(found.runs["live"].sound) == 3
+    page = write_mockup(tmp_path / "verdict.html", found, report.provenance(exact, "")).read_text()
+    assert "Recorded loops of one rig (3)" in page
+    assert "as the sensors read them" in page
+    given = ("hybrid-sysid", "mockup", str(sled.folder), "--out", str(tmp_path / "out"), "--live-bags", str(bag))
+    refused(call(app.main, *given, "--model", str(model)), "--live-bags: 1 shots, but the parts of moves need 3")
+    refused(call(app.main, *given), "--live-bags are loops", "--model FOLDER")
+    other = replace(loop, reference=1.1 * loop.reference)
+    with pytest.raises(UserError, match="followed another reference than moves"):
+        recorded_runs(where, [other])
+
+
+@pytest.mark.slow
 def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, monkeypatch):
-    mockup = partial(call, app.main, "hybrid-sysid", "mockup", str(sled.folder), "--out", str(tmp_path / "out"))
+    go = partial(call, app.main, "hybrid-sysid", "mockup", str(sled.folder), "--out", str(tmp_path / "out"))
     counts = ("--live", "5", "--simulated", "50", "--plants", "10", "--jobs", "1")
-    status, _, error = mockup(*counts)
+    status, _, error = go(*counts)
     assert status == 0, error
     reported = json.loads((tmp_path / "out" / "verdict.json").read_text())
     assert reported["structure"] == "hybrid"
@@ -181,7 +221,7 @@ def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, 
     monkeypatch.setattr(
         "hybrid_sysid_ros.extensions.accuracy.mockup.identify", lambda *a, **k: pytest.fail("identified again")
     )
-    status, _, error = mockup(*counts)
+    status, _, error = go(*counts)
     assert status == 0, error
     assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == reported
 
@@ -219,5 +259,5 @@ def test_what_is_not_there_is_told_in_a_line(call, sled, tmp_path):
     refuse("{sine: 60.0}", "{sine: -60.0}", "mockup.tolerance.sine is -60", "above 0")
     refuse("seconds: 10.0", "learn: [multisine], test: [multisine]", "multisine can't be in both")
     third = "frequency: 0.3}\n      third: {start: 3.5, stop: 4.0, kind: constant, level: 0.0}"
-    refuse("frequency: 0.3}", third, "--live 3: the parts of moves need 4 shots", counts=("--live", "3"))
+    refuse("frequency: 0.3}", third, "--live: 3 shots, but the parts of moves need 4", counts=("--live", "3"))
     refused(call(app.main, "hybrid-sysid", "mockup", "no_such_rig", "--out", str(tmp_path / "out")), "no_such_rig")
