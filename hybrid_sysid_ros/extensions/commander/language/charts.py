@@ -92,9 +92,8 @@ def state_chart(rig: Rig, state: RigState) -> bytes:
 
         draw.text((LEFT, top - 18), f"{name}: {value:.4g}", fill=TEXT)
         draw.rectangle((LEFT, top, WIDTH - RIGHT, top + 16), fill=GRID)
-        draw.rectangle(
-            (*sorted((place(0.0), place(value)))[:1], top, max(place(0.0), place(value)), top + 16), fill=LINE
-        )
+        left, right = sorted((place(0.0), place(value)))
+        draw.rectangle((left, top, right, top + 16), fill=LINE)
         if name in state.references:
             at = place(state.references[name])
             draw.line((at, top - 4, at, top + 20), fill=WANTED, width=3)

@@ -30,7 +30,6 @@ NOUNS = {
     "frequency": "f", "period": "q",
 }  # fmt: skip
 SHARES = {"half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "double": 2.0, "triple": 3.0}
-DROPPED = ("polite", "articles")
 CONDITION = ("once", "settled", "it_is", "reaches")
 """Parts of a condition, which mean nothing apart."""
 

@@ -62,13 +62,14 @@ class CommandClient(CommandInterface):
         self._node = Node(
             "speaker", context=self._context, namespace=namespace, enable_rosout=False, start_parameter_services=False
         )
-        self._replies: Queue[DiagnosticStatus] = Queue()
+        self._waiting: list[Queue[DiagnosticStatus]] = []
+        """Of replies, one for each command that waits for its own."""
         self._setter = self._node.create_client(SetParameters, "commander/set_parameters")
         self._stop = self._node.create_client(Trigger, "commander/stop")
         self._confirm = self._node.create_client(Trigger, "commander/confirm")
         self._getters = {name: self._node.create_client(GetParameters, f"{name}/get_parameters") for name in NODES}
         quality = topics.profile("command_reply")
-        self._heard = self._node.create_subscription(DiagnosticStatus, "command_reply", self._replies.put, quality)
+        self._heard = self._node.create_subscription(DiagnosticStatus, "command_reply", self._hear, quality)
         self._monitor = LoopMonitor(self._node, rig, tracked_outputs(rig), silence=round(1e9 * SILENCE))
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -90,6 +91,10 @@ class CommandClient(CommandInterface):
         except (ExternalShutdownException, ShutdownException):
             return
 
+    def _hear(self, status: DiagnosticStatus) -> None:
+        for replies in tuple(self._waiting):
+            replies.put(status)
+
     def close(self) -> None:
         """Leave."""
         self._executor.shutdown()
@@ -98,14 +103,17 @@ class CommandClient(CommandInterface):
         self._context.try_shutdown()
 
     def say(self, text: str) -> Reply:
-        while not self._replies.empty():
-            self._replies.get_nowait()
-        wanted = Parameter("command", value=text).to_parameter_msg()
-        answer = self._ask(self._setter, SetParameters.Request(parameters=[wanted]))
-        (result,) = answer.results
-        if not result.successful:
-            return Reply(text=text, accepted=False, line=str(result.reason))
-        return self._reply(text)
+        replies: Queue[DiagnosticStatus] = Queue()
+        self._waiting.append(replies)
+        try:
+            wanted = Parameter("command", value=text).to_parameter_msg()
+            answer = self._ask(self._setter, SetParameters.Request(parameters=[wanted]))
+            (result,) = answer.results
+            if not result.successful:
+                return Reply(text=text, accepted=False, line=str(result.reason))
+            return self._reply(text, replies)
+        finally:
+            self._waiting.remove(replies)
 
     def check(self, text: str) -> Reply:
         try:
@@ -166,18 +174,21 @@ class CommandClient(CommandInterface):
         answer = self._ask(self._confirm, Trigger.Request())
         return Reply(text="confirm", accepted=bool(answer.success), line=str(answer.message) or "begins")
 
-    def _reply(self, text: str) -> Reply:
-        """What the simulation of a command said."""
+    def _reply(self, text: str, replies: Queue[DiagnosticStatus]) -> Reply:
+        """What the simulation of a command said, or that a stop has dropped it."""
         end = monotonic() + REPLY_TIMEOUT
         while (left := end - monotonic()) > 0.0:
             try:
-                status = self._replies.get(timeout=left)
+                status = replies.get(timeout=left)
             except Empty:
                 break
             values = {item.key: item.value for item in status.values}
-            if values.pop("text", None) == text[:300] and (state := values.pop("state", "")) in FINAL:
+            own, state = values.pop("text", None) == text[:300], values.pop("state", "")
+            if own and state in FINAL:
                 numbers = {name: float(value) for name, value in values.items()}
                 return Reply(text=text, accepted=state != "refused", line=f"{state}: {status.message}", values=numbers)
+            if state == "stopped":
+                return Reply(text=text, accepted=False, line=f"dropped: {status.message}")
         raise UserError(f"the commander does not reply for {REPLY_TIMEOUT:g} s")
 
     def _ask(self, client: Any, request: Any) -> Any:

@@ -255,10 +255,10 @@ def context(domain: int) -> Context:
 
 
 class Caller:
-    """Calls a client, whose calls wait for answers, in a thread of its own while the nodes of a bench go on."""
+    """Calls a client, whose calls wait for answers, in threads of their own while the nodes of a bench go on."""
 
     def __init__(self, bench: Bench) -> None:
-        self.bench, self.pool = bench, ThreadPoolExecutor(1)
+        self.bench, self.pool = bench, ThreadPoolExecutor(2)
 
     def __call__(self, action: Callable[..., Any], *given: Any, **named: Any) -> Any:
         answer = self.pool.submit(action, *given, **named)
@@ -286,6 +286,11 @@ def test_a_client_tells_where_the_rig_is_and_what_would_come_of_a_command(
     assert checked.forecast.loop.outputs[0, 0] / VOLT == pytest.approx(1.0, abs=0.2)
     assert not call(client.check, "hold 300 V").accepted
     assert len(loop.set_points) == 1
+    dropped = call.pool.submit(client.say, "swing between -1 and 1 V at 0.5 Hz for 100 s")
+    loop.bench.until(lambda: loop.commander.checking)
+    assert call(client.say, "emergency stop").line.startswith("stopped")
+    loop.bench.until(dropped.done)
+    assert dropped.result().line.startswith("dropped: stopped")
     assert call(client.stop).accepted
     monkeypatch.setattr(command_client, "LIVE", 0.0)
     with pytest.raises(UserError, match="no estimate has come for"):
