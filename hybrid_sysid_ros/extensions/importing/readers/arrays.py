@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,9 @@ class NumpyFile(LogFile):
     def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
         loaded: Any = np.load(self.path, allow_pickle=False)
         arrays = loaded if self.path.suffix.lower() == ".npz" else {self.path.stem: loaded}
-        return chosen_columns({name: arrays[name] for name in {array_name(name) for name in names}}, names)
+        return chosen_columns(
+            {name: arrays[name] for name in {array_name(name, self._shapes) for name in names}}, names
+        )
 
 
 def columns_of(shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str] | None = None) -> Iterator[LogColumn]:
@@ -47,7 +49,7 @@ def chosen_columns(arrays: Mapping[str, Array], names: Sequence[str]) -> dict[st
     """Columns by name out of arrays."""
     found = {}
     for name in names:
-        values = np.asarray(arrays[array_name(name)]).squeeze()
+        values = np.asarray(arrays[array_name(name, arrays)]).squeeze()
         if values.dtype.kind not in "fiub":
             raise UserError(f"{name} holds no numbers")
         if values.ndim == 2:
@@ -57,9 +59,9 @@ def chosen_columns(arrays: Mapping[str, Array], names: Sequence[str]) -> dict[st
     return found
 
 
-def array_name(column: str) -> str:
-    """The array of a column: x of x[0]."""
-    return column[: column.rindex("[")] if column.endswith("]") else column
+def array_name(column: str, arrays: Container[str]) -> str:
+    """The array of a column: x of x[0], where no array has that very name."""
+    return column if column in arrays else column[: column.rindex("[")]
 
 
 def _shapes(path: Path) -> Iterator[tuple[str, tuple[int, ...]]]:

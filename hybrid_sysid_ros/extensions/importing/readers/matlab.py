@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,6 +21,7 @@ DEEPEST = 6
 """Levels of structures."""
 COMPRESSED = 15
 """Type of a compressed element of a version 5 file."""
+_ENTRY = re.compile(r"\[\d+\]$")
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -44,7 +46,7 @@ class MatlabFile(LogFile):
         super().__init__(path, _with_times(list(columns_of(shapes, units))))
 
     def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
-        return chosen_columns({name: self._arrays[name] for name in {array_name(name) for name in names}}, names)
+        return chosen_columns(self._arrays, names)
 
 
 class HdfFile(LogFile):
@@ -53,6 +55,7 @@ class HdfFile(LogFile):
     def __init__(self, path: Path) -> None:
         import h5py
 
+        self._places = dict[str, str]()
         shapes, units = dict[str, tuple[int, ...]](), dict[str, str]()
         with h5py.File(path, "r") as file:
 
@@ -64,7 +67,7 @@ class HdfFile(LogFile):
                     and name[0] != "#"
                 ):
                     key = name.replace("/", ".")
-                    shapes[key] = item.shape
+                    shapes[key], self._places[key] = item.shape, name
                     unit = item.attrs.get("unit", item.attrs.get("units", ""))
                     units[key] = unit.decode() if isinstance(unit, bytes) else str(unit)
 
@@ -75,7 +78,8 @@ class HdfFile(LogFile):
         import h5py
 
         with h5py.File(self.path, "r") as file:
-            arrays = {name: file[name.replace(".", "/")][()] for name in {array_name(name) for name in names}}
+            wanted = {array_name(name, self._places) for name in names}
+            arrays = {name: file[self._places[name]][()] for name in wanted}
         return chosen_columns(arrays, names)
 
 
@@ -106,7 +110,7 @@ def _with_times(columns: list[LogColumn]) -> Iterator[LogColumn]:
     """Columns of a structure with a time, as Simulink writes them, get it: out.y.Data has out.y.Time."""
     known = {column.name.lower(): column.name for column in columns}
     for column in columns:
-        parent = array_name(column.name).rpartition(".")[0]
+        parent = _ENTRY.sub("", column.name).rpartition(".")[0]
         near = [f"{parent}.time".lower(), f"{parent.rpartition('.')[0]}.time".lower()] if parent else []
         own = next((known[name] for name in near if name in known), "")
         yield LogColumn(

@@ -114,6 +114,30 @@ def test_a_record_is_the_same_in_every_format(imported, tmp_path, name):
     np.testing.assert_allclose(record.input[:-1, 0], DRIVE[:-1])
 
 
+def odd_npz(path: Path) -> None:
+    np.savez(path, **{"t": TIME, "drive [V]": DRIVE, "position": np.column_stack([POSITION, DRIVE])})
+
+
+def odd_h5(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, values in (("t", TIME), ("drive [V]", DRIVE), ("lab/position.raw", np.stack([POSITION, DRIVE]))):
+            file[name] = values
+
+
+@pytest.mark.parametrize(("write", "name", "column"), [
+    (odd_npz, "a.npz", "position[0]"), (odd_h5, "a.h5", "lab.position.raw[0]"),
+])  # fmt: skip
+def test_arrays_may_have_brackets_and_points_in_their_names(imported, tmp_path, write, name, column):
+    write(tmp_path / name)
+    options = ("--column", "time=t", "--column", "drive=drive [V]", "--column", f"position={column}")
+    status, _, error = imported(str(tmp_path / name), "--unit", "position=mrad", *options)
+    assert status == 0, error
+    record = bags.read(tmp_path / "bags" / "a", rigs.load("cam_beam").signals)
+    np.testing.assert_allclose(record.output[:, 0], 1e-3 * POSITION, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", [name for name in FILES if name != "a_bag"])
 def test_a_cut_file_is_refused_in_a_line(imported, tmp_path, name):
     FILES[name][0](tmp_path / name)
