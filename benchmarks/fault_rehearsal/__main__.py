@@ -1,0 +1,81 @@
+"""Faults of sensors and actuators in loops without a clock: python -m benchmarks.fault_rehearsal [RIG or FAULT...].
+
+Estimator, guard and controller as the nodes use them, on the simulated rig, which follows a moving reference. It
+repeats bit by bit, so that rules and thresholds can be tried; python -m benchmarks.faults asks real processes. Of each
+fault, beside those of that benchmark some more: the first state that is not driving, and after how long; the strongest
+evidence; whether travel and validity were kept until the loop was held or at rest; the largest tracking error during
+the fault, and that of the second which begins a second after its end, both in tolerances.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from rich.table import Table
+
+from benchmarks import result
+from benchmarks.fault_rehearsal.rehearsal import Rehearsal
+from benchmarks.fault_rehearsal.signal_faults import Fault, actuator_faults, sensor_faults
+from benchmarks.faults.distrust import sizes_of
+from benchmarks.faults.observation import MOVING
+from hybrid_sysid_ros.commands.terminal import print_table, status
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.support.errors import UserError
+
+NAME = "fault_rehearsal"
+
+
+def main() -> int:
+    """Try all, or those that are named."""
+    asked, tables = sys.argv[1:], dict[str, dict[str, dict[str, Any]]]()
+    known: dict[str, Mapping[str, Fault]] = {}
+    for name in MOVING:
+        rig = load(name)
+        known[name] = {**sensor_faults(rig, sizes_of(rig, dict(MOVING[name]))), **actuator_faults(rig)}
+    names = {fault for faults in known.values() for fault in faults}
+    for word in asked:
+        if word not in names and word not in known:
+            raise UserError(f"no rig or fault {word!r}: rigs are {', '.join(known)}, faults {', '.join(sorted(names))}")
+    for name, faults in known.items():
+        wanted = {fault: each for fault, each in faults.items() if not asked or name in asked or fault in asked}
+        if not wanted or (set(asked) & known.keys() and name not in asked):
+            continue
+        rehearsal, tables[name] = Rehearsal(load(name)), {}
+        for fault, each in wanted.items():
+            status.print(f"{name}: {fault}")
+            tables[name][fault] = rehearsal.tried(each)
+        print_table(_table(name, tables[name]))
+    every = [row for rows in tables.values() for row in rows.values()]
+    short = sum(row["short"] for row in every)
+    print(f"{short} of {len(every)} fall short")
+    if not asked:
+        print(result.write(NAME, {**tables, "short": short, "faults": len(every)}))
+    return 0
+
+
+def _table(rig: str, rows: Mapping[str, Mapping[str, Any]]) -> Table:
+    table = Table(
+        "fault",
+        "state",
+        "after [s]",
+        "evidence",
+        "kept",
+        "during",
+        "after",
+        "because",
+        title=f"faults on {rig}, without a clock",
+    )
+    for name, row in rows.items():
+        kept = "yes" if row["kept"] else "NO"
+        times = [f"{row[key]:.2f}" for key in ("after", "most")]
+        errors = [f"{row[key]:.2f}" for key in ("during", "error")]
+        table.add_row(
+            f"{name}{'  <- short' if row['short'] else ''}", row["state"], *times, kept, *errors, row["reason"]
+        )
+    return table
+
+
+if __name__ == "__main__":
+    result.run(main)
