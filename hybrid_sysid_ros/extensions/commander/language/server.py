@@ -216,8 +216,9 @@ class _Tools:
         latch: Annotated[bool, Field(description="An emergency stop, which an operator must reset.")] = False,
     ) -> dict[str, Any]:
         """Bring the inputs of the rig to rest at once; waits for nothing."""
-        action = partial(self.desk.say, "emergency stop") if latch else self.desk.stop
-        return answer(await self.run(action, None, ""), "stop")
+        text = "emergency stop" if latch else "stop"
+        action = partial(self.desk.say, text) if latch else self.desk.stop
+        return answer(await self.run(action, None, ""), text)
 
     def of(self, output: str) -> tuple[str, str]:
         """How an output is said, and its unit. Raises ToolError for a name that there is not, or that is needed."""

@@ -188,7 +188,7 @@ class CommandClient(CommandInterface):
                 numbers = {name: float(value) for name, value in values.items()}
                 return Reply(text=text, accepted=state != "refused", line=f"{state}: {status.message}", values=numbers)
             if state == "stopped":
-                return Reply(text=text, accepted=False, line=f"dropped: {status.message}")
+                return Reply(text=text, accepted=False, line=f"dropped by a stop: {status.message}")
         raise UserError(f"the commander does not reply for {REPLY_TIMEOUT:g} s")
 
     def _ask(self, client: Any, request: Any) -> Any:

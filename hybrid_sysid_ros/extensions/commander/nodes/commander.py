@@ -302,7 +302,7 @@ class CommanderNode(RigNode):
             self.controller.call(stopper)
         if self.active:
             latched = ", and the controller until it is reset and armed" if emergency else ""
-            words = f"stopped: the inputs go to rest; the commander is disarmed{latched}"
+            words = f"the inputs go to rest; the commander is disarmed{latched}"
             self.reply(text, "stopped", words, OK, {})
             self.staying = True
 

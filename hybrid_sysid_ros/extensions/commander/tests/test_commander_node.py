@@ -288,9 +288,9 @@ def test_a_client_tells_where_the_rig_is_and_what_would_come_of_a_command(
     assert len(loop.set_points) == 1
     dropped = call.pool.submit(client.say, "swing between -1 and 1 V at 0.5 Hz for 100 s")
     loop.bench.until(lambda: loop.commander.checking)
-    assert call(client.say, "emergency stop").line.startswith("stopped")
+    assert call(client.say, "emergency stop").line.startswith("stopped: the inputs go to rest")
     loop.bench.until(dropped.done)
-    assert dropped.result().line.startswith("dropped: stopped")
+    assert dropped.result().line.startswith("dropped by a stop: the inputs go")
     assert call(client.stop).accepted
     monkeypatch.setattr(command_client, "LIVE", 0.0)
     with pytest.raises(UserError, match="no estimate has come for"):

@@ -83,7 +83,8 @@ def test_a_command_arrives_as_it_was_given_and_its_reply_comes_back() -> None:
     assert not refused.structured_content["accepted"]
     (stopped,) = called(desk, ("stop", {}))
     assert stopped.structured_content["line"]
-    called(desk, ("stop", {"latch": True}))
+    (latched,) = called(desk, ("stop", {"latch": True}))
+    assert latched.structured_content["said"] == "emergency stop"
     assert desk.arrived == [("check", "go to 1 V"), ("say", "hold 3"), ("stop", ""), ("say", "emergency stop")]
 
 
