@@ -89,10 +89,11 @@ def _dependence(shots: Shots, generator: np.random.Generator) -> Iterator[str]:
     ranked = stats.rankdata(shots.values[:ORDERED], axis=0)  # so that no outlier decides
     centred = ranked - ranked.mean(axis=0)
     found = _correlation(centred)
-    drawn = np.array([_correlation(generator.permutation(centred)) for _ in range(PERMUTATIONS)])
     worst = int(np.argmax(np.abs(found)))
-    larger = int(np.sum(np.abs(drawn).max(axis=1) >= abs(found[worst])))
-    probability = (1 + larger) / (1 + PERMUTATIONS)
+    probability = stats.permutation_test(
+        (np.arange(len(centred)),), lambda order: np.abs(_correlation(centred[order])).max(),
+        permutation_type="pairings", alternative="greater", n_resamples=PERMUTATIONS, random_state=generator,
+    ).pvalue  # fmt: skip
     if probability < LEVEL:
         yield (
             f"{shots.name}: shots depend on those before them ({shots.names[worst]} by a rank correlation of "

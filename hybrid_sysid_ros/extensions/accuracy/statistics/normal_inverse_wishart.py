@@ -69,8 +69,8 @@ class NormalInverseWishart:
     def mean_interval(self, level: float) -> Interval:
         """Of each coordinate's mean, (..., d): Student's t with marginal_degrees."""
         free = self.marginal_degrees
-        half = stats.t.ppf(0.5 + 0.5 * level, free) * np.sqrt(self._diagonal / (self.strength * free))
-        return np.asarray(self.centre - half), np.asarray(self.centre + half)
+        low, high = stats.t.interval(level, free, self.centre, np.sqrt(self._diagonal / (self.strength * free)))
+        return np.asarray(low), np.asarray(high)
 
     def mean_distance(self, mean: Array) -> Array:
         """How far a mean (..., d) is out, (...): it is in the ellipsoid of probability p where this is at most p."""
