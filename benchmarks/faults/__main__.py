@@ -193,7 +193,12 @@ def main() -> int:
 def markdown(name: str) -> str:
     """Tables of a run's results, a row for each fault."""
     path = result.RESULTS / f"{name}.json"
-    rigs = {rig: rows for rig, rows in json.loads(path.read_text())["results"].items() if isinstance(rows, dict)}
+    if not path.is_file():
+        raise UserError(f"--markdown: there is no {path}: run all faults first")
+    results = json.loads(path.read_text())["results"]
+    if "faults" not in results:
+        raise UserError(f"--markdown: {path} has no rigs, so it is of an older benchmark: run all faults again")
+    rigs = {rig: rows for rig, rows in results.items() if isinstance(rows, dict)}
     lines = list[str]()
     for rig, rows in rigs.items():
         lines += [f"### {rig}", "", "| fault | kept | tracks | named [s] | back [s] |", "|---|---|---|---|---|"]
