@@ -1,4 +1,4 @@
-"""Meaning: python -m benchmarks.meaning [words], all parts by default; writes benchmarks/results/meaning.json."""
+"""Meaning: python -m benchmarks.meaning [PART...]; without a part all, and then benchmarks/results/meaning.json."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ PARTS: Mapping[str, Part] = {"words": words.measured, "shots": shots.measured, "
 def main() -> int:
     """Run the parts, write what they found, and name the rows that fall short."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.meaning", description=__doc__)
-    parser.add_argument("parts", nargs="*", default=list(PARTS), help=", ".join(PARTS))
+    parser.add_argument("parts", nargs="*", help=", ".join(PARTS))
     asked = parser.parse_args()
     machine, found, rows = result.machine(), {}, []
-    for name in asked.parts:
+    for name in asked.parts or PARTS:
         if name not in PARTS:
             raise UserError(f"no part {name}: known are {', '.join(PARTS)}")
         found[name], own = PARTS[name]()
@@ -36,7 +36,8 @@ def main() -> int:
         print_table(table)
     short = [f"{name}: {row.name}" for name, row in rows if row.short]
     told = [{"part": name, **vars(row)} for name, row in rows]
-    print(result.write("meaning", {**found, "rows": told, "short": len(short)}, on=machine))
+    if not asked.parts:
+        print(result.write("meaning", {**found, "rows": told, "short": len(short)}, on=machine))
     print("\n".join([f"{len(short)} of {len(rows)} rows fall short", *short]))
     return 0
 
