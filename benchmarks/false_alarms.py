@@ -10,7 +10,7 @@ rig does, and a sensor that jumps looks the same.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from typing import Any
 
 import numpy as np
@@ -132,22 +132,18 @@ def _tried(item: tuple[str, int, int]) -> dict[str, Any]:
     return certificate(load(rig), seed, loops=loops) if loops else hour(load(rig), seed)
 
 
-def _number(words: list[str], option: str, otherwise: int) -> int:
-    """The number after an option, which is taken out of the words."""
-    if option not in words:
-        return otherwise
-    at = words.index(option)
-    if at + 1 == len(words) or not words[at + 1].isdigit() or not int(words[at + 1]):
-        raise UserError(f"{option}: give a number from 1 on")
-    number = int(words[at + 1])
-    del words[at : at + 2]
-    return number
-
-
 def main() -> int:
     """Run those that are named, or all, on all cores; print the table and write the JSON."""
-    words = sys.argv[1:]
-    seeds, loops = _number(words, "--seeds", 1), _number(words, "--certificate", 0)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.false_alarms", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("rigs", nargs="*", metavar="RIG", help=", ".join(RIGS))
+    parser.add_argument("--seeds", type=int, default=1, metavar="N")
+    parser.add_argument("--certificate", type=int, default=0, metavar="N")
+    asked = parser.parse_args()
+    words, seeds, loops = asked.rigs, asked.seeds, asked.certificate
+    if seeds < 1 or loops < 0:
+        raise UserError("--seeds and --certificate: give a number from 1 on")
     if unknown := [word for word in words if word not in RIGS]:
         raise UserError(f"no rig {unknown[0]!r}: rigs are {', '.join(RIGS)}")
     pieces = [(rig, seed + 1, loops) for seed in range(seeds) for rig in words or RIGS]
