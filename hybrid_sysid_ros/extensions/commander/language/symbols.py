@@ -225,17 +225,17 @@ class _Reader(QuantityReader):
         for _ in range(3):
             count += max(self.longest(parts[kind], skip=count) for kind in ("it_is", "articles", "object"))
             count += self._noun(count)
-        until = start in ("until", "till", "ate que") or start.startswith(("wait", "espere"))
+        when = "until" if tuple(start.split()) in parts["until"] else "once"
         if self.longest(self.lexicon.meanings) > begin:
             return False  # "once more"
         reaches = max(self.longest(parts["reaches"], skip=begin), self.longest(parts["reaches"], skip=count))
         if (settled := self.longest(parts["settled"], skip=count)) and settled >= reaches:
             self.at += count + settled
-            self.found.append(Symbol("Z", "until" if until else "once", f"{start} it is still"))
+            self.found.append(Symbol("Z", when, f"{start} it is still"))
             return True
         if reaches:
             self.at += (begin if self.longest(parts["reaches"], skip=begin) else count) + reaches
-            self.found.append(Symbol("z", "until" if until else "once", start))
+            self.found.append(Symbol("z", when, start))
             return True
         if tuple(self.words[self.at : self.at + begin]) in self.lexicon.meanings:
             return False
