@@ -240,7 +240,7 @@ class {_class_name(name)}(System):
 
 
 def _class_name(rig: str) -> str:
-    """The class of a rig's system: DrillString of drill_string."""
+    """The class of a rig's system: OvenHeater of oven_heater."""
     name = "".join(part.capitalize() for part in rig.split("_"))
     return name if name.isidentifier() and not keyword.iskeyword(name) else f"Rig{name}"
 
