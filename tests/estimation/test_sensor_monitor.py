@@ -53,6 +53,14 @@ def test_white_noise_is_not_frozen_and_what_stands_still_is():
     assert not detector.is_frozen(1.3)
 
 
+def test_white_noise_is_not_frozen_at_a_low_rate():
+    """At 50 Hz a tenth of a second has five readings, which are now and then as still by chance."""
+    detector = FrozenSensorDetector(0.1, after=5)
+    noise = np.random.default_rng(0).normal(0.0, 0.1, 50_000)
+    assert not any(map(detector.is_frozen, noise.tolist()))
+    assert any(detector.is_frozen(1.0) for _ in range(50))
+
+
 @pytest.mark.parametrize(("noise", "after"), [(0.0, 20), (0.1, 0)])
 def test_a_sensor_without_noise_is_never_frozen(noise, after):
     detector = FrozenSensorDetector(noise, after=after)
