@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import hybrid_sysid_ros as hs
 from docs.lines import Line, Panel, draw
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
+from hybrid_sysid_ros.extensions.view.svg_drawing import bodies
 from hybrid_sysid_ros.library.loops import Loop
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -92,25 +92,10 @@ def _stage(rig: hs.Rig) -> Iterator[str]:
     x, y = (left + right - scale * (x0 + x1)) / 2, (top + bottom + scale * (y0 + y1)) / 2
     yield f'<g transform="translate({x:.1f} {y:.1f}) scale({scale:.1f} {-scale:.1f})">'
     if drawn:
-        for body in drawing.description():
-            yield from _body(body)
+        yield from bodies(drawing)
     else:
         yield from (f'<path class="{kind}" d="{d}"/>' for kind, d in zip(("body", "still", "flame"), CONE, strict=True))
     yield "</g>"
-
-
-def _body(body: dict[str, Any]) -> Iterator[str]:
-    kind = "body" if body["joint"] else "still"
-    yield f'<g transform="translate({body["at"][0]} {body["at"][1]})"><g class="{kind} joint-{body["joint"]}">'
-    for shape in body["shapes"]:
-        (x, y), box, disc = shape["at"], shape["box"], shape["disc"]
-        if box:
-            yield f'<rect x="{x - box[0] / 2:.4g}" y="{y - box[1] / 2:.4g}" width="{box[0]}" height="{box[1]}"/>'
-        else:
-            yield f'<circle cx="{x}" cy="{y}" r="{disc}"/>'
-            if body["joint"]:
-                yield f'<path class="mark" d="M{x} {y}V{y + 0.8 * disc:.4g}"/>'
-    yield "</g></g>"
 
 
 def _moves(loop: Loop, rows: Array, seconds: float) -> Iterator[str]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
-import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +14,17 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands.terminal import Json, Overwrite, RigName, Seed, console, print_lines, print_table, status
+from hybrid_sysid_ros.commands.terminal import (
+    Json,
+    Overwrite,
+    RigName,
+    Seed,
+    console,
+    print_lines,
+    print_table,
+    status,
+    typed,
+)
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
@@ -128,6 +137,7 @@ def demo(
         for controller in (imitation, ExactMpc(system, imitation.problem))
     ]
     section = report.closed_loop_section(loop, described)
+    section = replace(section, ideal=report.ideal_errors(section, used, imitation.problem))
     run = report.RunSummary.of(
         diagnostics, described, bag=bag, section=section, folders={"model": model_folder, "policy": policy_folder}
     )
@@ -138,7 +148,7 @@ def demo(
     }
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     driver = "A policy of this model drove it." if train else "The shipped policy drove it, on the shipped model."
-    called = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    called = typed()
     sections = report.identification_section(model, records.tests), section
     report.write_report(out / "report.html", *sections, report.provenance(model, called), run, driver)
     if not quiet:

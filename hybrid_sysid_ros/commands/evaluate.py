@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +14,7 @@ from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
-from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
@@ -77,7 +76,7 @@ def command(
         status.print(f"no closed loop: {reason}")
     if report is not None:
         section = reports.identification_section(loaded, [(record, chosen) for record in records], runs)
-        reports.write_report(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
+        reports.write_report(report, section, None, reports.provenance(loaded, typed()))
         status.print(str(report))
     if as_json:
         content: dict[str, dict[str, Any]] = {

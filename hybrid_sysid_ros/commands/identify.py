@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import check_records, read_records
-from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
 from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve, friction_curve, speeds_of
@@ -102,7 +101,7 @@ def command(
     if report is not None:
         section = reports.identification_section(model, parts)
         section = replace(section, friction=curves)
-        reports.write_report(report, section, None, reports.provenance(load_model(out, rig=rig), " ".join(sys.argv)))
+        reports.write_report(report, section, None, reports.provenance(load_model(out, rig=rig), typed()))
         tell.print(f"report: {report}")
     tell.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -105,6 +107,14 @@ def print_lines(lines: Mapping[str, str], alarms: Collection[str] = ()) -> None:
         begin = name.ljust(len(indent))
         text = fill(words, room, initial_indent=begin, subsequent_indent=indent, break_long_words=False)
         console.print(text, style="bold red" if name in alarms else None)
+
+
+def typed() -> str:
+    """The command of this process as it was typed: ``hybrid-sysid`` or ``python -m MODULE`` with its arguments."""
+    given = sys.argv[1:]
+    before = sys.orig_argv[: len(sys.orig_argv) - len(given)]
+    module = before[before.index("-m") :] if "-m" in before else []
+    return shlex.join([Path((before if module else sys.argv)[0]).name, *module, *given])
 
 
 def end(problems: Sequence[str]) -> None:

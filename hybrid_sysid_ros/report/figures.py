@@ -19,6 +19,7 @@ from hybrid_sysid_ros.report.charts import (
     TEXT,
     dress,
     line,
+    logarithmic,
     panels,
     scaled,
     stems,
@@ -32,9 +33,6 @@ LABEL = 20
 
 FREE_RUN_AT = 2.2
 """Abscissa of the free run's value, in longest horizons."""
-
-NARROW = 4.0
-"""Ratio of a logarithmic axis' ends below which it has ticks at all digits, not only at 1, 2 and 5."""
 
 
 def free_run(run: FreeRunSection) -> go.Figure:
@@ -132,7 +130,7 @@ def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
     for column, title in ((1, f"RMSE [{display.unit}]"), (2, f"1 {MINUS} R²")):
         shown = np.concatenate([np.asarray(trace.y, dtype=float) for trace in figure.select_traces(col=column)])
         shown = shown[np.isfinite(shown) & (shown > 0.0)]
-        digits = "D1" if len(shown) and shown.max() < NARROW * shown.min() else "D2"  # all of them, or 1, 2 and 5
-        figure.update_yaxes(title=title, type="log", dtick=digits, tickfont={"size": 11}, row=1, col=column)
+        axis = logarithmic(float(shown.min()), float(shown.max())) if len(shown) else {}
+        figure.update_yaxes(title=title, type="log", tickfont={"size": 11}, row=1, col=column, **axis)
     figure.update_layout(legend={"y": 1.02}, margin={"t": 70}, hovermode="closest")
     return figure

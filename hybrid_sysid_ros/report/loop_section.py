@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hybrid_sysid_ros.control import ControlProblem
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
+from hybrid_sysid_ros.runtime.configuration import controller_model, defaults, mpc_problem, wrap_for_rig
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 
 DRIVING = LoopState.DRIVING.word
 SAME_REFERENCE = 1e-3
@@ -43,6 +45,8 @@ class ClosedLoopSection:
     """Windows that are enlarged, by name."""
     bounds: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     """Lowest and highest value [SI] of outputs without a reference that the controller keeps within bounds."""
+    ideal: Mapping[str, float] = field(default_factory=dict)
+    """Tracking errors of the ideal loop in the windows, in display units; empty where they are not known."""
 
     @property
     def rig(self) -> Rig:
@@ -88,6 +92,12 @@ class ClosedLoopSection:
         return max(shares, default=None)
 
     @property
+    def ratio(self) -> float | None:
+        """The largest of the tracking errors over those of the ideal loop; None where these are not known."""
+        ratios = (error / self.ideal[name] for name, error in self.rmse.items() if self.ideal.get(name))
+        return max(ratios, default=None)
+
+    @property
     def units(self) -> dict[str, str]:
         """Units of the tracking errors."""
         return {name: self.rig.display[item.output].unit for name, item in self.windows.items()}
@@ -124,6 +134,31 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
             begin, end = _largest_step(loop, item, horizon)
         zooms[name] = Window(output=item.output, start=begin, stop=end)
     return ClosedLoopSection(loop=loop, windows=windows, zooms=zooms, bounds=_bounds(loop, rig, problem))
+
+
+def ideal_errors(section: ClosedLoopSection, model: Model, problem: ControlProblem) -> dict[str, float]:
+    """Tracking errors of the ideal loop in a section's windows, in display units: those of the exact MPC of a model and
+    a problem on a plant that is this model, without disturbance and noise, which is then read by the rig's sensors.
+    Empty where the loop followed no reference of its rig.
+    """
+    rig, loop = section.rig, section.loop
+    schedule = next((item for item in rig.references.values() if _followed(loop, item)), None)
+    if schedule is None:
+        return {}
+    system = controller_model(rig, model.system)
+    done = simulated_loop(
+        rig,
+        model,
+        wrap_for_rig(rig, system, ExactMpc(system, problem)),
+        schedule,
+        duration=min(schedule.duration, float(loop.time[-1])),
+        plant=predicted_plant(rig, model.system),
+    )
+    found = {}
+    for name, window in section.windows.items():
+        left = rig.display[window.output].shown(done.tracking_rmse(window.start, window.stop)[window.output])
+        found[name] = float(np.hypot(left, rig.sensors[window.output].floor))
+    return found
 
 
 def _bounds(loop: LoopRecord, rig: Rig, problem: ControlProblem) -> dict[int, tuple[float, float]]:

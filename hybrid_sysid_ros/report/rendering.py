@@ -13,9 +13,12 @@ from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
 from hybrid_sysid_ros.report.further import further_sections
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
+from hybrid_sysid_ros.report.residual_patterns import patterns
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.report.sections import FREE, FreeRunSection, IdentificationSection, Provenance
 from hybrid_sysid_ros.report.verdict import verdict
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.files import written_file
 
@@ -58,6 +61,7 @@ def write_report(
         "closed": None if closed_loop is None else closed_content(closed_loop),
         "summary": summary,
         "verdict": verdict(identification, summary, driver),
+        "drawing": _drawing(identification.model.rig),
         "further": [
             {
                 "name": name,
@@ -70,6 +74,12 @@ def write_report(
         "hashes": _hashes(identification, closed_loop, provenance),
     }
     return write_page(path, TEMPLATES / "page.html", content)
+
+
+def _drawing(rig: str) -> str:
+    """The rig's drawing from the first extension that has one, "" without any."""
+    makers = extensions.provided("drawings").values()
+    return next(filter(None, (make(rigs.load(rig)) for make in makers)), "")
 
 
 def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **filters: Callable[..., str]) -> Path:
@@ -125,6 +135,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
         "stages": section.stages,
         "tests": section.tests,
+        "patterns": list(patterns(section)),
         "residual_tests": drawn(figures.residual_tests(section), f"{prefix}residual-tests") if section.tests else "",
         "horizons": [
             drawn(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hybrid_sysid_ros.control.safety.supervisor import REJECTIONS
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -38,6 +39,8 @@ class RunSummary:
     simulated_time: bool = False
     layers: Mapping[str, int] = field(default_factory=dict)
     """Commands by the layer of safety that answered."""
+    rejections: Mapping[str, float] = field(default_factory=dict)
+    """Shares of the online checks of the network's plans that rejected one, by the reason, the largest first."""
     failsafe: Mapping[str, int] = field(default_factory=dict)
     """How often the loop left what it is for, by what it did instead."""
     tracking: Mapping[str, str] = field(default_factory=dict)
@@ -46,6 +49,8 @@ class RunSummary:
     """Why there is none."""
     share: float | None = None
     """Error over the whole run as a share of the reference's movement; None where the reference does not move."""
+    ratio: float | None = None
+    """The largest of the tracking errors over those of the ideal loop; None where these are not known."""
     restarts: int = 0
     """How often the controller was started again: what it counts is of the last one."""
     bag: Path | None = None
@@ -71,18 +76,20 @@ class RunSummary:
         if bag is not None and section is None:
             section, untracked = _read(bag, rig)
         delays = {key: plant[f"delay_ms_{key}"] for key in PERCENTILES if plant.get(f"delay_ms_{key}") is not None}
-        times = _counts(controller, "times_")
+        times, checks = _counts(controller, "times_"), _counts(controller, "check_")
         return cls(
             missed=plant.get("missed_commands", 0),
             measurements=plant.get("measurements", 0),
             delay={} if lockstep else delays,
             simulated_time=lockstep,
             layers=_counts(controller, "layer_"),
+            rejections={name: count / sum(checks.values()) for name, count in checks.items() if name in REJECTIONS},
             failsafe={name: count for name, count in times.items() if name != "driving"}
             | ({"at rest for want of commands": count} if (count := plant.get("command_timeouts")) else {}),
             tracking={} if section is None else {n: f"{v:.3f} {section.units[n]}" for n, v in section.rmse.items()},
             untracked=untracked,
             share=None if section is None else section.share,
+            ratio=None if section is None else section.ratio,
             restarts=controller.get("restarts", 0),
             bag=bag,
             folders={name: f"{folder} (SHA-256 {sha256(folder)[:SEAL]})" for name, folder in (folders or {}).items()},
@@ -92,7 +99,12 @@ class RunSummary:
     def alarms(self) -> frozenset[str]:
         """Of the lines, those that say that something is wrong."""
         slow = {"missed"} if self.fast_enough is False else set()
-        return frozenset(slow | ({"tracking"} if self.share is not None and self.share > FOLLOWED else set()))
+        return frozenset(slow | ({"tracking"} if self.follows is False else set()))
+
+    @property
+    def follows(self) -> bool | None:
+        """Whether the rig follows its reference; None where that is not known."""
+        return None if self.share is None else self.share <= FOLLOWED
 
     @property
     def fast_enough(self) -> bool | None:
@@ -106,6 +118,7 @@ class RunSummary:
         names = ", ".join(PERCENTILES.values())
         total = sum(self.layers.values())
         shares = [f"{name} {100.0 * count / total:.3g} %" for name, count in self.layers.items()]
+        worst = [f"; worst check: {name}, {100.0 * part:.2g} %" for name, part in self.rejections.items()][:1]
         times = [f"{name} {count} time{'' if count == 1 else 's'}" for name, count in self.failsafe.items()]
         parts = [f"{name.replace('_', ' ')} {error}" for name, error in self.tracking.items()]
         last = f" (since its last restart, of {self.restarts})" if self.restarts else ""
@@ -115,7 +128,7 @@ class RunSummary:
             else self.untracked,
             "delay": f"{delays} ms ({names})" if delays else "not measured",
             "missed": f"{self.missed} of {self.measurements} commands: {self._judgement}",
-            "layers": (", ".join(shares) or "no command") + last,
+            "layers": (", ".join(shares) or "no command") + "".join(worst) + last,
             "failsafe": (", ".join(times) or "never") + last,
             **{f"{name} used": words for name, words in self.folders.items()},
             "bag": str(self.bag or "none"),
@@ -130,8 +143,10 @@ class RunSummary:
             "measurements": self.measurements,
             "fast_enough": self.fast_enough,
             "layers": dict(self.layers),
+            "rejections": {name: round(part, 4) for name, part in self.rejections.items()},
             "failsafe": dict(self.failsafe),
             "tracking_share": None if self.share is None else round(self.share, 4),
+            "tracking_over_ideal": None if self.ratio is None else round(self.ratio, 4),
             "controller_restarts": self.restarts,
             "folders": dict(self.folders),
         }
@@ -141,8 +156,9 @@ class RunSummary:
         """Whether the rig followed its reference, in words; "" where that is not known."""
         if self.share is None:
             return ""
-        verb = "follows" if self.share <= FOLLOWED else "does NOT follow"
-        return f"rig {verb} its reference (error {100.0 * self.share:.2g} % of the reference's movement)"
+        verb = "follows" if self.follows else "does NOT follow"
+        ideal = "" if self.ratio is None else f", at most {self.ratio:.2f} times that of the ideal loop"
+        return f"rig {verb} its reference (error {100.0 * self.share:.2g} % of the reference's movement{ideal})"
 
     @property
     def _judgement(self) -> str:

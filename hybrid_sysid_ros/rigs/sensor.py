@@ -117,6 +117,12 @@ class Sensor:
         """Total noise, rms [reading unit]."""
         return math.hypot(self.hum.rms if self.hum else 0.0, self.white_noise)
 
+    @property
+    def floor(self) -> float:
+        """The noise with that of rounding, of both ends of a window, rms [reading unit]."""
+        rounded = self.quantiser.count / math.sqrt(6.0 if self.window else 12.0) if self.quantiser else 0.0
+        return math.hypot(self.noise, rounded)
+
 
 class LowPassFilter:
     """A low-pass at a fixed step, forward Euler: x+ = x + h (A x + b y), yf = c x.

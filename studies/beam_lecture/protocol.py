@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +17,7 @@ from hybrid_sysid_ros.commands.terminal import (
     console,
     print_table,
     status,
+    typed,
 )
 from hybrid_sysid_ros.models import Sampling, structure_names
 from hybrid_sysid_ros.models.structure import complete, options_of, parse
@@ -275,4 +275,4 @@ def write_page(path: Path, protocol: Protocol, comparison: Comparison, handling:
         title, found, about=about, training=list(zip(protocol.training, protocol.parts, strict=True))
     )
     model = next(item for item in comparison.candidates if item.structure in shown).models[0]
-    write_protocol(path, section, report.provenance(model, " ".join(sys.argv)))
+    write_protocol(path, section, report.provenance(model, typed()))

@@ -19,6 +19,7 @@ EXTENSION = Extension(
     declarations=Path(__file__).with_name("nodes.yaml"),
     provides={
         "descriptions": {"urdf": f"{HERE}.drawing:urdf_of"},
+        "drawings": {"svg": f"{HERE}.svg_drawing:svg_of"},
         "companions": {"view": f"{HERE}.companion:companion"},
         "sections": {"drawing": f"{HERE}.drawing:Drawing", "faults": f"{HERE}.requests:check_faults"},
     },

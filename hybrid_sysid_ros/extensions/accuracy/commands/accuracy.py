@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +13,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import Json, Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Json, Seed, console, print_table, status, typed
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.extensions.accuracy.statistics import (
     Accuracy,
@@ -93,7 +91,7 @@ def command(
     content = _content(found, wanted, conditions, strata_shots or STRATA_SHOTS)
     if page is not None:
         hashes = {"simulated shots": sha256(simulated), "live shots": sha256(live)}
-        source = report.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), hashes=hashes)
+        source = report.Provenance(command=typed(), hashes=hashes)
         write_accuracy(page, found, source, [*_remarks(found, content)])
     if as_json:
         console.print_json(json.dumps(content))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import ClusterAddress, Json, RigPlace, Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import ClusterAddress, Json, RigPlace, Seed, console, print_table, status, typed
 from hybrid_sysid_ros.extensions.accuracy.mockup import ShotPlan, mockup
 from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, batches
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
@@ -113,7 +111,7 @@ def command(
     content = _content(found)
     with written_file(place / "verdict.json") as partial:
         partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    source = report.provenance(found.model, shlex.join(["hybrid-sysid", *sys.argv[1:]]))
+    source = report.provenance(found.model, typed())
     write_mockup(place / "verdict.html", found, source)
     if as_json:
         console.print(json.dumps(content, indent=2))

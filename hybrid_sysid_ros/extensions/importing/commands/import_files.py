@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +11,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status, typed
 from hybrid_sysid_ros.extensions.importing.commands.options import ColumnNames, ColumnUnits, OtherFiles, pairs
 from hybrid_sysid_ros.extensions.importing.conversion import records_of, write_records
 from hybrid_sysid_ros.extensions.importing.guessing import Question, guessed
@@ -84,7 +83,7 @@ def command(
     else:
         chosen.save(place, f"Columns of log files as signals of the rig {described.name}.")
     for file, records in found:
-        made_by = shlex.join(["hybrid-sysid", *sys.argv[1:]])
+        made_by = typed()
         for bag in write_records(records, described, out, made_by=made_by, replace_old=overwrite):
             console.print(f"{bag}: from {file.path}")
     print_table(_table(chosen, described, [record for _, records in found for record in records]))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -22,6 +20,7 @@ from hybrid_sysid_ros.commands.terminal import (
     console,
     print_table,
     status,
+    typed,
 )
 from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison, compare
@@ -80,7 +79,7 @@ def command(
         with written_file(out / NUMBERS) as partial:
             partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         provenance = report.Provenance(
-            command=shlex.join(["hybrid-sysid", *sys.argv[1:]]),
+            command=typed(),
             hashes={f"bag, {bags.name_of(bag)}": sha256(bag), f"bag, {BAG}": sha256(out / BAG)},
             versions=versions(),
         )

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +14,7 @@ from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import check_names
-from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding, sentence
 from hybrid_sysid_ros.extensions.record_check.report.record_page import write_record_page
@@ -66,7 +64,7 @@ def command(
     if report is not None:
         by_name = dict(zip([record.name for record in records], found.values(), strict=True))
         made_by, hashes = (
-            shlex.join(["hybrid-sysid", *sys.argv[1:]]),
+            typed(),
             {f"bag {one.name}": one.digest for one in records},
         )
         provenance = reports.Provenance(command=made_by, hashes=hashes, versions=versions())

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +13,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands.demo import OUT, run_loop, tracked, write_text
-from hybrid_sysid_ros.commands.terminal import print_lines, print_table, status
+from hybrid_sysid_ros.commands.terminal import print_lines, print_table, status, typed
 from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.extensions.vision.camera.film import CRF
 from hybrid_sysid_ros.extensions.vision.camera.filming import filmed
@@ -144,7 +142,7 @@ def camera_demo(
         "pictures_ahead": {f"{seconds:g} s": _ahead(ahead, seconds) for seconds in AHEAD},
     }
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
-    called = shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    called = typed()
     sources = {f"film, {film.name}": sha256(film), f"bag, {recorded.name}": sha256(recorded)}
     provenance = report.provenance(model, called, hashes=sources)
     write_video(out / "report.html", record, layers, f"{described.name} by camera", provenance, ahead=ahead, loop=loop)

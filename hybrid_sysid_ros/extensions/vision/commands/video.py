@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +12,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status, typed
 from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
@@ -99,7 +97,7 @@ def command(
         if dynamics is not None and bag is not None:
             spinner.update("predicting")
             ahead = image_prediction.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
-    command_line = shlex.join(["hybrid-sysid", *sys.argv[1:]])
+    command_line = typed()
     written = video_record.at_rate(record, rate) if rate else record
     video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=command_line)
     for remark in [*footage.remarks(), *video_record.contradictions(record)]:
