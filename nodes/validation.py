@@ -16,6 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 from hybrid_sysid_ros.nodes.cdr import JointForm, TrajectoryForm
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage, point_lists
 from hybrid_sysid_ros.nodes.signal_layout import Slots
+from hybrid_sysid_ros.nodes.timing import SET
 
 LARGEST = 1 << 17
 """Bytes of a message: a preview of some 2000 points. A larger message is dropped before it is unpacked."""
@@ -50,15 +51,16 @@ class StampOrder(Enum):
     LATE = "late"
     """It lies before the last one, by less than RESTART."""
     RESTART = "restart"
-    """It lies so long before the last one that time has begun anew."""
+    """It lies before the last one because time has begun anew."""
 
 
 class MessageValidator:
     """Checks the messages of one topic of a node and selects its publisher.
 
     A stamp is accepted if it lies at most ``ahead`` ahead of the clock and ``behind`` behind it [ns], and less than
-    RESTART before the last accepted one. Time begins anew if the clock itself went back and the stamps are near it
-    again; without a clock, as in lockstep, if two messages in a row follow each other that long before the last one.
+    RESTART before the last accepted one. Time begins anew if the clock itself went back, by SET or more, and the stamps
+    are near it again; without a clock, as in lockstep, if two messages in a row follow each other RESTART before the
+    last one.
     The first publisher, as frame_id names it, is the selected one until it has been silent for ``silence`` [ns] of
     steady time.
     """
@@ -89,7 +91,7 @@ class MessageValidator:
         self._clock = clock
         self._steady = steady
         self._ahead, self._behind, self._silence = ahead, behind, silence
-        self._back = 0
+        self._back = self._offset = 0
         self._forms: dict[int, JointForm | TrajectoryForm] = {}
 
     def drop(self, reason: Reason) -> None:
@@ -208,9 +210,16 @@ class MessageValidator:
                     self.drop(Reason.BACKWARDS)
                     return None
                 found = StampOrder.RESTART
+            elif now is not None and self._was_set_back(self.stamp - stamp, now):
+                found = StampOrder.RESTART
         if found is not StampOrder.LATE:
             self.stamp, self._back = stamp, 0
+            self._offset = 0 if now is None else now - self._steady()
         return found
+
+    def _was_set_back(self, back: int, now: int) -> bool:
+        """Whether a stamp is so far before the last one [ns] because the clock, whose time is now, was set."""
+        return back > SET and self._offset - (now - self._steady()) > back - SET
 
     def _begins_anew(self, stamp: int, *, near: bool) -> bool:
         """Whether a stamp long before the last one begins anew and is no fault; near: the stamp is near the clock."""

@@ -67,6 +67,28 @@ def test_time_begins_anew_where_the_clock_went_back() -> None:
     assert gate.say(gate.now + 5 * MS) is StampOrder.NEW
 
 
+@pytest.mark.parametrize("back", [50 * MS, 200 * MS, 500 * MS, 950 * MS])
+def test_time_begins_anew_where_the_clock_was_set_back_a_little(back: int) -> None:
+    """Otherwise nothing would be new until the clock has come back to where it was."""
+    gate = Gate()
+    for _ in range(3):
+        assert gate.say(gate.now) is StampOrder.NEW
+        gate.wait(5 * MS)
+    assert gate.say(gate.now - back) in {StampOrder.LATE, None}, "the message was sooner than the clock"
+    gate.now -= back
+    assert gate.say(gate.now) is StampOrder.RESTART
+    gate.wait(5 * MS)
+    assert gate.say(gate.now) is StampOrder.NEW
+
+
+def test_a_clock_that_stands_a_little_makes_no_late_message_a_new_beginning() -> None:
+    gate = Gate()
+    gate.wait(100 * MS)
+    gate.say(gate.now)
+    gate.steady += 100 * MS
+    assert gate.say(gate.now - 10 * MS) is StampOrder.LATE
+
+
 def test_without_a_clock_two_stamps_in_a_row_begin_anew() -> None:
     gate = Gate(timed=False, ahead=math.inf, behind=math.inf)
     for k in range(3):
