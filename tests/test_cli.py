@@ -118,6 +118,8 @@ def test_a_model_tells_where_it_comes_from(linear_model):
         ([MULTISINE, "--step", "inf", "--period", "inf"], ["inf"]),
         ([MULTISINE, "--step", "1e-9"], ["1e-09"]),
         ([MULTISINE, "--input", "guessed"], ["guessed", "averaged", "sampled"]),
+        ([MULTISINE, "--initial", "still"], ["still", "estimated", "rest"]),
+        ([MULTISINE, "--structure", "linear", "--initial", "speed=1"], ["speed", "position, velocity"]),
         ([MULTISINE, "--part", "half"], ["half"]),
         ([MULTISINE, "--part", "0:0.001"], ["beam_multisine"]),
         ([MULTISINE, "--signals", "none.yaml"], ["none.yaml"]),
@@ -133,6 +135,17 @@ def test_a_model_tells_where_it_comes_from(linear_model):
 def test_a_wrong_argument_of_identify_gets_one_line(command, tmp_path, arguments, words):
     refused(command("identify", *arguments, "--out", tmp_path / "model"), *words)
     assert not (tmp_path / "model").exists()
+
+
+def test_a_score_begins_as_it_is_told(command, linear_model):
+    scores = []
+    for options in ([], ["--initial", "first"], ["--initial", "position=0.2"], ["--warm-up", "100"]):
+        status, out, error = command("evaluate", linear_model, MULTISINE, *options, "--json")
+        assert status == 0, error
+        scores.append(json.loads(out)["records"]["beam_multisine"]["r2"])
+    assert len(set(scores)) == 4
+    assert scores[2] < scores[0]
+    refused(command("evaluate", linear_model, MULTISINE, "--warm-up", "100000"), "warm-up", "100000")
 
 
 def test_runs_that_are_numbered_behind_a_dot_are_two(command, tmp_path):

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, INITIAL_SPREAD, RELATIVE_ERROR
+from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, RELATIVE_ERROR
 from hybrid_sysid_ros.identification.problem import FitProblem as IdentificationProblem
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
@@ -76,7 +76,7 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
     experiment = prepare(record, rig.system, Sampling())
     # Errors are taken as RELATIVE_ERROR of the deviation, one independent observation in CORRELATION_SECONDS.
     weight = 1 / (RELATIVE_ERROR * np.std(experiment.outputs) * np.sqrt(CORRELATION_SECONDS / 0.05))
-    spread = INITIAL_SPREAD * np.std(experiment.states, axis=0)
+    spread = IdentificationProblem(rig.system, [experiment]).nuisance_units
 
     def errors(point):
         stiff, gain, offset, damping, delay = point[:5]

@@ -74,7 +74,7 @@ def test_what_limits_the_input_limits_it_again():
 @pytest.mark.parametrize("step", [0.001, 0.005, 0.01])
 def test_output_and_input_are_those_of_one_loop(loop, step, handling):
     """The model answers the input as in open loop, and the rig's controller the output on its straight lines."""
-    sampling = Sampling(step=step, input=handling)
+    sampling = Sampling(step=step, input=handling, initial="first")
     again = resimulate(RIG.system, loop, RIG, sampling=sampling)
     ticks = round(step / RIG.step)
     assert RIG.sensors[0].low_pass is not None

@@ -21,6 +21,7 @@ from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.identification.validation.input_bias import adapt
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
+from hybrid_sysid_ros.identification.validation.run_quality import GOOD, RunQuality, run_quality
 from hybrid_sysid_ros.identification.validation.unstable import PredictionErrors, UnstableError, predictions
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
@@ -45,18 +46,22 @@ def command(
         ),
     ] = 0.0,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
+    initial: terminal.Initial = None,
+    initial_samples: terminal.InitialSamples = None,
+    warm_up: terminal.WarmUp = None,
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
     rig: terminal.OwnRig = "",
 ) -> None:
-    """Score a model by strict free run: one initial state, never corrected. Where a bag has the reference, the whole
+    """Score a model by strict free run: one initial state, never corrected; it is found as in the model's fit, unless
+    options say otherwise. Where a bag has the reference, the whole
     closed loop is re-simulated from it as well.
     """
     if report is not None:
         reports.check_available()
         check_file(report, suffix=".html")
-    loaded = load_model(model, rig=rig)
+    loaded = load_model(model, rig=rig).started(initial=initial, initial_samples=initial_samples, warm_up=warm_up)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling, model=loaded)
@@ -70,6 +75,10 @@ def command(
     except UnstableError as error:
         raise UserError(f"{error}: leave out --adapt") from error
     scores, ahead = _scored(loaded, records, chosen, described)
+    qualities = _qualities(loaded, records, chosen, scores)
+    for record in records:
+        if not qualities.get(record.name, GOOD).judged:
+            ahead[record.name] = predictions(loaded.system, experiment_of(loaded, record, part=chosen), None)
     biases = {name: run.content(loaded.system) for name, run in runs.items()}
     loops, skipped = _loops(loaded, records, chosen, described)
     for reason in skipped.values():
@@ -83,6 +92,7 @@ def command(
             record.name: {
                 **scores.get(record.name, {}),
                 **({"ahead": [_row(item) for item in ahead[record.name]]} if record.name in ahead else {}),
+                **({"doubt": vars(qualities[record.name])} if record.name in qualities else {}),
                 "closed_loop": loops.get(record.name),
             }
             for record in records
@@ -91,13 +101,14 @@ def command(
             content[name]["adapted"] = values
         console.print_json(json.dumps({"model": str(model), "part": part, "records": content}))
     else:
-        if scores:
-            print_table(terminal.score_table(scores, described, "free run", loops))
+        for quality in qualities.values():
+            console.print(f"doubt: {quality.sentence}")
+        if followed := {name: loops[name] for name in ahead if name in loops}:
+            print_table(terminal.score_table(followed, described, "closed loop, from the commands alone"))
         if ahead:
             print_table(_ahead_table(ahead, described))
-            followed = {name: loops[name] for name in ahead if name in loops}
-            if followed:
-                print_table(terminal.score_table(followed, described, "closed loop, from the commands alone"))
+        if scores:
+            print_table(terminal.score_table(scores, described, "free run", loops))
         if biases:
             print_table(terminal.bias_table(biases, described, adapted))
 
@@ -119,6 +130,18 @@ def _scored(
             status.print(f"no free run: {error}")
             ahead[record.name] = predictions(model.system, experiment_of(model, record, part=part), windows)
     return scores, ahead
+
+
+def _qualities(
+    model: Model, records: Sequence[Record], part: Part, scores: Mapping[str, Mapping[str, Any]]
+) -> dict[str, RunQuality]:
+    """By record what is wrong with its free run, where something is."""
+    found = {}
+    for record in records:
+        if record.name in scores:
+            quality = run_quality(model.system, experiment_of(model, record, part=part))
+            found.update({record.name: quality} if quality.kind else {})
+    return found
 
 
 def _loops(
@@ -145,7 +168,7 @@ def _row(item: PredictionErrors) -> dict[str, Any]:
 def _ahead_table(ahead: Mapping[str, Sequence[PredictionErrors]], rig: Rig) -> Table:
     """Table of prediction errors by horizon, for each output in its display unit."""
     headings = (f"{item.name} [{display.unit}]" for item, display in zip(rig.system.outputs, rig.display, strict=True))
-    table = Table("record", "ahead", "", *headings, title="RMSE of predictions, from states estimated over two seconds")
+    table = Table("record", "ahead", "", *headings, title="RMSE of predictions, from states estimated just before")
     for record, rows in ahead.items():
         for row in rows:
             held = "closed by the stabiliser" if row.closed else "open"

@@ -17,9 +17,11 @@ from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import check_records, read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.identification import Part
+from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
 from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve, friction_curve, speeds_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
+from hybrid_sysid_ros.identification.validation.run_quality import run_quality
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals
 from hybrid_sysid_ros.library.models import identify
 from hybrid_sysid_ros.models import Model
@@ -45,6 +47,9 @@ def command(
     period: terminal.Period = None,
     part: terminal.PartText = "0:1",
     seed: terminal.Seed = 0,
+    initial: terminal.Initial = None,
+    initial_samples: terminal.InitialSamples = None,
+    warm_up: terminal.WarmUp = None,
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
@@ -67,7 +72,8 @@ def command(
     other = load_model(beside, rig=rig) if beside is not None else None
     speeds = speeds_of(other) if other is not None else None
     described = load_rig(rig)
-    sampling = terminal.sampling_of(described, step, period, input_handling)
+    start = {"initial": initial, "initial_samples": initial_samples, "warm_up": warm_up}
+    sampling = terminal.sampling_of(described, step, period, input_handling, **start)
     records = read_records(bag, rig, signals, recover, read_period, sampling)
     check_records(records, described, anyway=anyway)
     with status.status("compiling") as spinner:
@@ -120,13 +126,22 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
         for output, own in scores.get("outputs", {rig.system.outputs[0].name: scores}).items():
             if not own["r2"] > EXPLAINED:
                 console.print(
-                    f"doubt: over {name}, which it was fitted to, R2 of its run is {own['r2']:.2f} for {output}: "
-                    "the model does not explain it, or its units or scales are wrong"
+                    f"doubt: over {name}, which it was fitted to, R2 of its run is {own['r2']:.2f} for {output}"
+                    f"{_reason(model, name, records)}"
                 )
     title = "training" if rig.experiments.stabiliser is None else "training, closed by the stabiliser"
     print_table(terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, rig, title))
     if rows := stages_of(model, records):
         print_table(stages_table(rows))
+
+
+def _reason(model: Model, name: str, records: Sequence[tuple[Record, Part]]) -> str:
+    """Why a model does not explain a training record, as the end of a sentence; "" where it is not known."""
+    for record, part in records:
+        if record.name == name and model.system.outputs:
+            sentence = run_quality(model.system, experiment_of(model, record, part=part)).sentence
+            return f": {sentence.removeprefix(f'{name}: ')}" if sentence else ""
+    return ""
 
 
 def _content(model: Model) -> dict[str, Any]:

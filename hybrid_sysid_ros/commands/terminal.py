@@ -71,7 +71,26 @@ ClusterAddress = Annotated[
 Seed = Annotated[int, typer.Option("--seed", help="Random seed.", min=0)]
 InputHandlingOption = Annotated[
     InputHandling,
-    typer.Option("--input", help="How the model takes its input: the mean over each step, or one reading a period."),
+    typer.Option(
+        "--input",
+        help="How the model takes its input: the mean over each step of samples that are held (averaged) or joined by "
+        "lines (interpolated), one reading a period (sampled), or as the records show it (auto).",
+    ),
+]
+Initial = Annotated[
+    str | None,
+    typer.Option(
+        "--initial",
+        metavar="estimated|first|rest|NAME=VALUE,...",
+        help="State at which a simulation of a record begins: estimated from the first samples near what the record "
+        "shows (the default), as the record shows it, at rest, or values of states in SI.",
+    ),
+]
+InitialSamples = Annotated[
+    int | None, typer.Option("--initial-samples", help="Scored samples that estimate a start; 40 by default.", min=1)
+]
+WarmUp = Annotated[
+    int | None, typer.Option("--warm-up", help="First scored samples of a record that no score counts.", min=0)
 ]
 StepOption = Annotated[
     float | None, typer.Option("--step", help="Integration step [s]; by default that of the rig's file, or 0.005.")
@@ -82,10 +101,14 @@ Period = Annotated[
 ]
 
 
-def sampling_of(rig: Rig, step: float | None, period: float | None, handling: InputHandling) -> Sampling:
-    """The sampling of options, the rest as the rig's file says. Raises UserError for values that can't be."""
-    given = {name: value for name, value in (("step", step), ("period", period)) if value is not None}
-    return given_sampling({**given, "input": handling}, rig)
+def sampling_of(
+    rig: Rig, step: float | None, period: float | None, handling: InputHandling, **start: str | int | None
+) -> Sampling:
+    """The sampling of options, the rest as the rig's file says; start: ``initial``, ``initial_samples``, ``warm_up``.
+    Raises UserError for values that can't be.
+    """
+    given = {"step": step, "period": period, "input": handling, **start}
+    return given_sampling({name: value for name, value in given.items() if value is not None}, rig)
 
 
 def print_table(table: Table) -> None:

@@ -205,13 +205,14 @@ class Sensitivities:
         *,
         parameters: Sequence[int] | None = None,
         states: Sequence[int] | None = None,
+        learn: bool = True,
     ) -> None:
         """Columns: derivatives by ``parameters`` (indices, none of a fixed one), by all weights, and by the initial
-        ``states`` of a window, in this order; None stands for all.
+        ``states`` of a window, in this order; None stands for all. Without ``learn`` they are those by states alone.
         """
         functions = compiled(system)
-        self._step, found = functions.jacobian(learn=True)
-        self._output, _ = functions.jacobian(output=True, learn=True)
+        self._step, found = functions.jacobian(learn=learn)
+        self._output, _ = functions.jacobian(output=True, learn=learn)
         self.columns, free = found, list(found.parameters)
         self.parameters = free if parameters is None else list(parameters)
         self.weights = found.weights

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.stats import kurtosis
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.fit import PreparedRecord
-from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.models.sampling import InputHandling, Sampling
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -20,6 +22,12 @@ SMOOTHING_SECONDS = 0.051
 """Window of the Savitzky-Golay velocity (order 3): 51 samples at 1 kHz, and of faster records no more samples, unless
 the period between scored samples is longer."""
 SMOOTHING_SAMPLES = 51
+RESTS, HIGH, POWER, JUMPS = 0.1, 0.8, 0.01, 6.0
+"""Of a band-limited input: most samples that equal the one before, share of the Nyquist frequency above which it has
+less than a share of its power, and most excess kurtosis of its changes, which is that of jumps.
+"""
+LEAST_NOISE = 1e-4
+"""In the output's deviation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,11 +46,19 @@ class ResampledRecord:
     """Mean inputs from each sample to the next, the last one twice, (samples, inputs)."""
     measured: NDArray[np.bool_] | None
     """Which samples were measured, (samples,); None for all."""
+    noise: Array
+    """Noise of the outputs, rms about a smooth curve, (outputs,)."""
+    rate_noise: Array
+    """Standard deviations of the rates at the first sample, (outputs,)."""
 
     def experiment(self, system: System) -> PreparedRecord:
         """The record with the states of a system. Raises UserError where its channels don't fit the system."""
         _check_channels(self.name, self.inputs, self.outputs, system)
-        states = system.record_map().states_from_record(self.outputs, self.rates, self.means)
+        known = system.record_map()
+        states = known.states_from_record(self.outputs, self.rates, self.means)
+        deviations = np.ones(len(system.states))
+        for state, (column, rate) in known.reconstructible.items():
+            deviations[state] = (self.rate_noise if rate else self.noise)[column]
         return PreparedRecord(
             name=self.name,
             sampling=self.sampling,
@@ -50,6 +66,8 @@ class ResampledRecord:
             outputs=self.outputs,
             states=states,
             measured=self.measured,
+            noise=self.noise,
+            deviations=deviations,
         )
 
 
@@ -72,25 +90,54 @@ def resample(record: Record, sampling: Sampling) -> ResampledRecord:
         raise UserError(
             f"{record.name}: {record.time[-1]:.2f} s are too short: at least {9 * sampling.period:.2f} s are needed"
         )
-    used = (samples - 1) * every
-    if sampling.input == "sampled":
+    used, handling = (samples - 1) * every, sampling.input
+    if handling == "auto":
+        handling = handling_of([record], sampling)
+    between = np.concatenate([record.input[1 : used + 1], record.input[-1:]])[:used]
+    if handling == "sampled":
         inputs = np.repeat(record.input[:used:every], sampling.every, axis=0)
+    elif handling == "interpolated" and sampling.step < period * (1 - 1e-9):
+        times = _ratio(period, sampling.step, record.name, sampled, "the integration step")
+        share = ((np.arange(times) + 0.5) / times)[:, None]
+        inputs = np.concatenate([a + share * (b - a) for a, b in zip(record.input[:used], between, strict=True)])
     elif sampling.step >= period * (1 - 1e-9):
         block = _ratio(sampling.step, period, record.name, "the integration step", sampled)
-        inputs = record.input[:used].reshape(-1, block, record.input.shape[1]).mean(axis=1)
+        values = record.input[:used] if handling == "averaged" else 0.5 * (record.input[:used] + between)
+        inputs = values.reshape(-1, block, record.input.shape[1]).mean(axis=1)
     else:
         times = _ratio(period, sampling.step, record.name, sampled, "the integration step")
         inputs = np.repeat(record.input[:used], times, axis=0)
     means = inputs.reshape(samples - 1, sampling.every, -1).mean(axis=1)
+    found, noise = rates(record, sampling.period), noise_of(record, sampling.period)
     return ResampledRecord(
         name=record.name,
         sampling=sampling,
         inputs=np.ascontiguousarray(inputs),
         outputs=np.ascontiguousarray(record.output[::every][:samples]),
-        rates=rates(record, sampling.period)[::every][:samples],
+        rates=found[::every][:samples],
         means=np.concatenate([means, means[-1:]]),
         measured=None if record.measured is None else record.measured[::every][:samples],
+        noise=noise,
+        rate_noise=_rate_noise(record, sampling.period, found, noise),
     )
+
+
+def handling_of(records: Sequence[Record], sampling: Sampling) -> InputHandling:
+    """How records show their inputs: "interpolated" where all are band-limited and no finer than the step, so that a
+    line joins their samples better than a step does; else "averaged".
+    """
+    coarse = all(record.sampling_time > (1 - 1e-9) * sampling.step for record in records)
+    smooth = all(_band_limited(column) for record in records for column in record.input.T)
+    return "interpolated" if coarse and smooth else "averaged"
+
+
+def _band_limited(values: Array) -> bool:
+    """Whether an input (samples,) has next to no power near the Nyquist frequency, and neither jumps nor rests."""
+    changes = np.diff(values)
+    if len(values) < 64 or np.mean(changes == 0.0) > RESTS:
+        return False
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    return bool(np.sum(power[round(HIGH * len(power)) :]) < POWER * np.sum(power) and kurtosis(changes) < JUMPS)
 
 
 def _check_channels(name: str, inputs: Array, outputs: Array, system: System) -> None:
@@ -116,11 +163,37 @@ def check_range(experiment: PreparedRecord, system: System) -> None:
 
 def rates(record: Record, period: float = SMOOTHING_SECONDS) -> Array:
     """Rates of change of the outputs (samples, outputs) by Savitzky-Golay of order 3. period: of scored samples."""
+    window = _window(record, period)
+    return np.asarray(savgol_filter(record.output, window, 3, deriv=1, delta=record.sampling_time, axis=0))
+
+
+def noise_of(record: Record, period: float = SMOOTHING_SECONDS) -> Array:
+    """Noise of the outputs, (outputs,): root mean squares about the curve whose slopes :func:`rates` are."""
+    window = _window(record, period)
+    left = record.output - savgol_filter(record.output, window, 3, axis=0)
+    share = 1.0 - savgol_coeffs(window, 3)[window // 2]  # of white noise that is left
+    least = LEAST_NOISE * np.std(record.output, axis=0)
+    return np.asarray(np.maximum(np.sqrt(np.mean(left**2, axis=0) / share), np.maximum(least, 1e-12)))
+
+
+def _rate_noise(record: Record, period: float, found: Array, noise: Array) -> Array:
+    """Standard deviations (outputs,) of rates at a record's first sample: of noise, and of the cubic, which is not the
+    motion, as smoothing twice as long shows it.
+    """
+    window, samples = _window(record, period), record.samples
+    edge = np.linalg.norm(savgol_coeffs(window, 3, deriv=1, delta=record.sampling_time, pos=0))
+    longer = min(2 * window - 1, (samples - 1) // 2 * 2 - 1)
+    other = savgol_filter(record.output, longer, 3, deriv=1, delta=record.sampling_time, axis=0)
+    return np.asarray(np.hypot(noise * edge, np.sqrt(np.mean((found - other) ** 2, axis=0))))
+
+
+def _window(record: Record, period: float) -> int:
+    """Samples of the smoothing. Raises UserError for a record that is shorter."""
     seconds = min(SMOOTHING_SECONDS, max(period, SMOOTHING_SAMPLES * record.sampling_time))
     window = max(5, round(seconds / record.sampling_time) // 2 * 2 + 1)
     if len(record.time) <= window:
         raise UserError(f"{record.name}: {len(record.time)} samples are fewer than the {window} that a velocity needs")
-    return np.asarray(savgol_filter(record.output, window, 3, deriv=1, delta=record.sampling_time, axis=0))
+    return window
 
 
 def _ratio(longer: float, shorter: float, name: str, one: str, other: str) -> int:

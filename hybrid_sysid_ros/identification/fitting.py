@@ -151,6 +151,7 @@ def fit(
     with ThreadPoolExecutor(max_workers=threads.available()) as pool, threadpool_limits(1):
         for horizon in stages:
             problem.carry(points[0], horizon)
+            points = [problem.with_hidden_starts(point, horizon) for point in points]
             physical = horizon == stages[-1] and not len(system.weights)
             limits = tolerance or (FINE if physical else COARSE), iterations
             solutions = [_solve(problem, horizon, point, limits, pool.map) for point in points]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.context import Context
-from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_range, prepare, resample
+from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_range, handling_of, prepare, resample
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.parameter_groups import groups
 from hybrid_sysid_ros.identification.part import Part, parts_of, without_gaps
@@ -49,6 +50,8 @@ def identify(
     if rig.experiments.stabiliser is not None:
         check_sampling(sampling, f"identification of {rig.name}")
     found = structure_of(structure, rig.system, rig.structures)
+    if sampling.input == "auto":
+        sampling = replace(sampling, input=handling_of(records, sampling))
     chosen, holds = complete(options or {}, found.options, structure), found.sampling(sampling)
     used = without_gaps(parts_of(records, part, sampling), sampling)
     parts = [part] * len(records) if isinstance(part, Part) else part

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
+from hybrid_sysid_ros.identification.starts import hidden_sizes, shown_start, start_of, unshown_states
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -24,7 +25,7 @@ CORRELATION_SECONDS = 1.0
 """Free-run errors are slow: so many seconds of them count as one observation against the priors."""
 
 INITIAL_SPREAD = 0.1
-"""Prior deviation of a record's initial state from the measured one, relative to the state's deviation."""
+"""Most prior deviation of a record's initial state from the measured one, relative to the state's deviation."""
 
 SHARES = 4
 """Parts of one simulation with derivatives that may run in parallel."""
@@ -38,8 +39,8 @@ class FitProblem:
 
         free parameters, weights (both shared by all records) | initial states (of each record)
 
-    Each output's errors are relative to its deviation. Initial states are nuisances with priors at the measured values,
-    or at zero for states that a record does not show, so that the shared part does not have to explain them.
+    Each output's errors are relative to its deviation. Initial states are nuisances with priors, as the rule of starts
+    has them (:mod:`.starts`), so that the shared part does not have to explain them.
     """
 
     def __init__(
@@ -76,13 +77,14 @@ class FitProblem:
             f"weight_{index}" for index in range(len(system.weights))
         )
         self.shared = len(self.scales)
-        self.hidden = _hidden(system)
-        self._spread = self._hidden_spread()
+        self.hidden = unshown_states(system)
+        self._sizes = self._hidden_sizes()
+        self._spread = np.array([self._sizes[i] for i in self.hidden])
         self._carried = [np.zeros((item.samples, len(self.hidden))) for item in experiments]
-        self.moved_states = sorted(_shown(system)) + list(self.hidden)
-        states = np.concatenate([item.states for item in experiments])
-        units = [INITIAL_SPREAD * max(float(np.std(states[:, i])), 1e-9) for i in sorted(_shown(system))]
-        self.nuisance_units = np.array([*units, *self._spread])
+        first_states = [shown_start(system, item) for item in experiments]
+        self._first, self.moved_states = [state for state, _ in first_states], first_states[0][1]
+        units = self._units()
+        self.nuisance_units = np.array([self._sizes.get(i, float(units[i])) for i in self.moved_states])
         """Prior deviation of each fitted initial state; record i has the value point[shared + state * records + i]."""
         self.evaluations = 0
 
@@ -165,20 +167,32 @@ class FitProblem:
         held = np.clip(np.nan_to_num(found[:, self.hidden]), -WIDEST * self._spread, WIDEST * self._spread)
         self._carried = [held[begin:end] for begin, end in pairwise(edges)]
 
-    def _hidden_spread(self) -> Array:
-        """Scales of hidden states: root mean squares of a simulation at the start, (hidden,); 1 for those that are zero
-        there, such as biases of inputs, which have scales of their own.
+    def _units(self) -> Array:
+        """Prior deviations (states,) of initial states from what the records show: they count like the errors, of which
+        CORRELATION_SECONDS are one observation, and are at most a share of the state's deviation.
         """
-        if not len(self.hidden):
-            return np.zeros(0)
-        squares = []
-        for first, item in zip(self.first_steps, self.experiments, strict=True):
-            starts = np.array([[first, first, item.samples, 0]])
-            found, _ = self._simulated(self.system, starts, item.states[:1].copy())
-            with np.errstate(over="ignore", invalid="ignore"):
-                squares.append(np.mean(found[:, self.hidden] ** 2, axis=0))
-        values = np.sqrt(np.mean(squares, axis=0))
-        return np.asarray(np.where(np.isfinite(values) & (values > 1e-9) & (values < 1e6), values, 1.0))
+        states = np.concatenate([item.states for item in self.experiments])
+        most = np.maximum(INITIAL_SPREAD * np.std(states, axis=0), 1e-9)
+        shown = [most if item.deviations is None else item.deviations for item in self.experiments]
+        share = np.sqrt(max(CORRELATION_SECONDS / self.sampling.period, 1.0))
+        return np.asarray(np.clip(share * np.sqrt(np.mean(np.square(shown), axis=0)), 1e-9, most))
+
+    def with_hidden_starts(self, point: Array, horizon: int | None) -> Array:
+        """A point whose initial states of what no record shows are those of the rule of starts, if they fit better."""
+        moved = [self.moved_states.index(i) for i in self.hidden if i in self.moved_states]
+        if not moved:
+            return point
+        system, trial = self.with_point(point), point.copy()
+        changes = trial[self.shared :].reshape(len(self.moved_states), len(self.experiments))
+        for record, (item, first) in enumerate(zip(self.experiments, self._first, strict=True)):
+            found = start_of(system, item).state - first
+            changes[moved, record] = [found[self.moved_states[k]] / self.nuisance_units[k] for k in moved]
+        residuals = self.residuals(horizon)
+        return trial if np.linalg.norm(residuals(trial)) < np.linalg.norm(residuals(point)) else point
+
+    def _hidden_sizes(self) -> dict[int, float]:
+        """Scales of states that no record shows, by index."""
+        return hidden_sizes(self.system, self.experiments)
 
     def _simulated(self, system: System, starts: NDArray[np.int64], initial: Array) -> tuple[Array, Array]:
         return rollouts(system, starts, initial, self.inputs, step=self.sampling.step, every=self.sampling.every)
@@ -188,11 +202,12 @@ class FitProblem:
         (samples, outputs), and the first row of each record (records + 1,).
         """
         starts, states, outputs, offset, edges = [], [], [], 0, [0]
-        for first, experiment, carried in zip(self.first_steps, self.experiments, self._carried, strict=True):
+        given = zip(self.first_steps, self.experiments, self._carried, self._first, strict=True)
+        for first, experiment, carried, start in given:
             length = experiment.samples - 1 if horizon is None else min(horizon, experiment.samples - 1)
             for begin in range(0, experiment.samples - length, length):
                 starts.append((first, first + begin * self.sampling.every, length + 1, offset))
-                state = experiment.states[begin].copy()
+                state = experiment.states[begin].copy() if begin else start
                 if begin:
                     state[self.hidden] = carried[begin]
                 states.append(state)
@@ -278,22 +293,6 @@ class FitProblem:
             return result
 
         return evaluate
-
-
-def _shown(system: System) -> list[int]:
-    """States whose initial values are fitted; of a delay line only the outputs, since records show the rest."""
-    known = system.record_map()
-    return [i for i, (_, rate) in known.reconstructible.items() if not (rate and i in known.delay_line)]
-
-
-def _hidden(system: System) -> list[int]:
-    """States that records don't show, including hidden states of contacts."""
-    deflections = range(len(system.declared_states), len(system.states))
-    known = system.record_map()
-    return [
-        *known.unobserved,
-        *(i for i in deflections if i not in known.reconstructible and i not in known.delay_line),
-    ]
 
 
 def _check_excitation(system: System, inputs: Array, deviation: Array) -> None:

@@ -14,6 +14,7 @@ from hybrid_sysid_ros.core.rollout import Starts
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.problem import FitProblem, Map, Residuals
+from hybrid_sysid_ros.identification.starts import root_mean_squares
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -150,6 +151,23 @@ class MultipleShootingProblem(FitProblem):
     def carry(self, point: Array, horizon: int | None) -> None:
         super().carry(point, horizon)
         self._initial.clear()
+
+    def with_hidden_starts(self, point: Array, horizon: int | None) -> Array:
+        """The point: initial states are no part of it."""
+        return point
+
+    def _hidden_sizes(self) -> dict[int, float]:
+        """Those of a simulation with the stabiliser, since states would diverge without."""
+        if not self.hidden:
+            return {}
+        states = np.concatenate([item.states[:1] for item in self.experiments])
+        starts = [
+            [first, first, item.samples, 0] for first, item in zip(self.first_steps, self.experiments, strict=True)
+        ]
+        found = [self._simulated(self.system, np.array([row]), states[k : k + 1])[0] for k, row in enumerate(starts)]
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = [np.mean(run[:, self.hidden] ** 2, axis=0) for run in found]
+        return root_mean_squares(self.hidden, squares)
 
     def _simulated(self, system: System, starts: Starts, initial: Array) -> tuple[Array, Array]:
         """States and outputs of whole records with the stabiliser, since states that no record shows would diverge."""

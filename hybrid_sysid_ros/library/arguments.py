@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models import InputHandling, Model, Sampling
 from hybrid_sysid_ros.models.structure import Options
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -29,6 +30,8 @@ SamplingLike: TypeAlias = Sampling | Mapping[str, Any]
 """A sampling, or some of its numbers by name."""
 
 LARGEST_SEED = 2**63 - 1
+MOST_SAMPLES = 10**9
+"""Of a record."""
 
 
 @contextmanager
@@ -221,9 +224,13 @@ def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
     if isinstance(value, Sampling):
         return value
     for name, item in mapping_of(value, "sampling", '{"step": 0.005, "period": 0.05}').items():
-        choice_of(name, "a name in sampling", ("step", "period", "input"))
+        choice_of(name, "a name in sampling", [item.name for item in fields(Sampling)])
         if name == "input":
-            choice_of(item, "sampling.input", ("averaged", "sampled"))
+            choice_of(item, "sampling.input", get_args(InputHandling))
+        elif name == "initial":
+            text_of(item, "sampling.initial")
+        elif name in ("initial_samples", "warm_up"):
+            whole_of(item, f"sampling.{name}", low=0, high=MOST_SAMPLES)
         else:
             number_of(item, f"sampling.{name}", low=0.0, above=True, unit="s")
     return Sampling(**(own | dict(value)))

@@ -55,13 +55,15 @@ class Model(models.Model):
         return [str(doubt) for doubt in doubts(self)]
 
     def score(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> Scores:
-        """Score the free run over a part of a record: R2, RMSE [SI] and fit in percent of each output.
+        """Score the free run over a part of a record: R2, RMSE [SI] and fit in percent of each output. The run begins
+        as in the model's fit; ``model.started(initial="first", warm_up=50).score(record)`` begins otherwise.
 
         For a rig with a stabiliser the run is in closed loop. Raises UserError for a record of another rig, one that
         does not fit the model's sampling, and a free run of an unstable system, which would be meaningless.
         """
         found = self.free_run(record, part=part)
-        return Scores.of([item.name for item in self.system.outputs], found.measured, found.outputs)
+        names, warm_up = [item.name for item in self.system.outputs], self.sampling.warm_up
+        return Scores.of(names, found.measured[warm_up:], found.outputs[warm_up:])
 
     def free_run(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> FreeRun:
         """Simulate a part of a record from one initial state. Raises UserError as :meth:`score` does."""
@@ -148,7 +150,8 @@ def identify(
     """Fit a structure to parts of records.
 
     records: one or several. structure: "hybrid", "gray", "linear", "narx" and the others of ``hybrid-sysid identify
-    --help``. sampling: ``step``, ``period`` and ``input``, by default those of the rig's file. part: a part of all
+    --help``. sampling: ``step``, ``period``, ``input``, ``initial``, ``initial_samples`` and ``warm_up``, by
+    default those of the rig's file. part: a part of all
     records as fractions, or one for each record. options: numbers by name, such as {"units": 8}. seed: random seed.
     progress(stage, evaluations, error): a function that is called during the fit.
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.models.structure import Magnitudes, Structure
@@ -31,7 +32,25 @@ class PreparedRecord:
     states: Array
     """States from raw outputs and their Savitzky-Golay rates, (samples, states); used only as initial states."""
     measured: NDArray[np.bool_] | None = None
-    """Which samples were measured and are scored, (samples,); None for all."""
+    """Which samples were measured, (samples,); None for all."""
+    noise: Array | None = None
+    """Noise of each output, rms as the record shows it, (outputs,); None where it is not known."""
+    deviations: Array | None = None
+    """How well the record shows each state at its first sample, as standard deviations (states,), 1 for states that it
+    does not show; None where the states that it shows are exact.
+    """
+
+    @property
+    def scored(self) -> NDArray[np.bool_]:
+        """Which samples are scored, (samples,): measured ones after the warm-up. Raises UserError where none is."""
+        found = np.ones(self.samples, dtype=bool) if self.measured is None else self.measured.copy()
+        found[: self.sampling.warm_up] = False
+        if not found.any():
+            raise UserError(
+                f"{self.name}: none of its {self.samples} samples is left after a warm-up of {self.sampling.warm_up} "
+                "(--warm-up)"
+            )
+        return found
 
     @property
     def samples(self) -> int:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.text_table import text_table
 
 FORMAT = 2
+Own = TypeVar("Own", bound="Model")
 TRIALS = 0.2, 0.45, 0.8
 """Points in the training range at which a step of a saved model is compared, to notice that the law has changed."""
 
@@ -70,6 +71,17 @@ class Model:
         return text_table(
             title, ("parameter", "value", "standard error", "unit"), rows, most=7, rest="model.parameters"
         )
+
+    def started(
+        self: Own, *, initial: str | None = None, initial_samples: int | None = None, warm_up: int | None = None
+    ) -> Own:
+        """The model with other starts of its runs than in its fit, see :class:`~.sampling.Sampling`; None keeps one.
+
+        Raises UserError for values that can't be.
+        """
+        given = {"initial": initial, "initial_samples": initial_samples, "warm_up": warm_up}
+        changes: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+        return replace(self, sampling=replace(self.sampling, **changes)) if changes else self
 
     @property
     def kind(self) -> Structure:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 from hybrid_sysid_ros.support.errors import UserError
 
-InputHandling = Literal["averaged", "sampled"]
+InputHandling = Literal["averaged", "sampled", "interpolated", "auto"]
+
+INITIAL = ("estimated", "first", "rest")
+"""Ways to find the state at which a simulation of a record begins."""
 
 LONGEST = 1e6
 """Period [s], eleven days: any record is too short for it."""
@@ -21,8 +25,15 @@ class Sampling:
     """How a record is sampled for a simulation.
 
     step: integration step [s]. period: distance of the scored samples [s], a multiple of the step. input: "averaged"
-    gives each step the mean of the record's input over it; "sampled" reads the input once every ``period`` and holds
-    it, so that jumps of a reference arrive up to one period late.
+    gives each step the mean of the record's input over it, where each sample holds until the next; "interpolated"
+    joins the samples by lines instead (first-order hold), as a band-limited input is; "sampled" reads the input once
+    every ``period`` and holds it, so that jumps of a reference arrive up to one period late. "auto" takes
+    "interpolated" for a record whose input is band-limited and no finer than the step, else "averaged".
+
+    initial: the state at which a simulation of a record begins. "estimated" from the first ``initial_samples`` scored
+    samples, near what the record shows; "first" as the record shows it, only what it does not show being estimated;
+    "rest" as its outputs are, without motion; or values by the names of states, such as "level=3.2, upper=4", the
+    others being estimated. warm_up: first scored samples that no score counts.
 
     Raises UserError for other values, and for a period longer than :data:`LONGEST` or than :data:`MOST_STEPS` steps.
     """
@@ -30,10 +41,13 @@ class Sampling:
     step: float = 0.005
     period: float = 0.05
     input: InputHandling = "averaged"
+    initial: str = "estimated"
+    initial_samples: int = 40
+    warm_up: int = 0
 
     def __post_init__(self) -> None:
-        if self.input not in ("averaged", "sampled"):
-            raise UserError(f"sampling: input {self.input!r} is unknown; choose averaged or sampled")
+        if self.input not in get_args(InputHandling):
+            raise UserError(f"sampling: input {self.input!r} is unknown; choose {', '.join(get_args(InputHandling))}")
         if not 0.0 < self.step <= self.period <= LONGEST:
             raise UserError(
                 f"sampling: a step of {self.step} s and a period of {self.period} s: "
@@ -46,6 +60,34 @@ class Sampling:
             )
         if abs(self.every * self.step - self.period) > 1e-9:
             raise UserError(f"sampling: the period {self.period} s is no multiple of the step {self.step} s")
+        if self.initial_samples < 1 or self.warm_up < 0:
+            raise UserError(
+                f"sampling: {self.initial_samples} samples for the start and {self.warm_up} that are not scored: give "
+                "at least 1 (--initial-samples) and 0 (--warm-up)"
+            )
+        _ = self.given
+
+    @property
+    def given(self) -> dict[str, float]:
+        """Given values of a first state by its states' names. Raises UserError for a text that says nothing."""
+        if self.initial in INITIAL:
+            return {}
+        try:
+            pairs = [item.split("=") for item in self.initial.split(",")]
+            found = {name.strip(): float(value) for name, value in pairs}
+        except ValueError:
+            found = {}
+        if not found or not all(math.isfinite(value) for value in found.values()):
+            raise UserError(
+                f"sampling: initial {self.initial!r} is unknown: write {', '.join(INITIAL)}, or values by the names of "
+                "states, such as level=3.2,upper=4 (--initial)"
+            )
+        return found
+
+    def at(self, period: float) -> Sampling:
+        """The same with another period of the scored samples, whose start is estimated over the same time."""
+        count = max(1, round(self.initial_samples * self.period / period))
+        return replace(self, period=period, initial_samples=count)
 
     @property
     def every(self) -> int:

@@ -14,6 +14,7 @@ from hybrid_sysid_ros.core import Variable, rollouts
 from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
@@ -25,7 +26,6 @@ from hybrid_sysid_ros.identification.validation.residual_tests import (
     independence,
 )
 from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulations
-from hybrid_sysid_ros.identification.validation.scores import initial_state
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals, compare_stages
 from hybrid_sysid_ros.identification.validation.unstable import stabilised_run
 from hybrid_sysid_ros.models import Model
@@ -165,7 +165,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
         states, simulated = stabilised_run(system, experiment, stabiliser)
     run = states[:: sampling.every], simulated[:: sampling.every]
     whole = run[1]
-    residuals = experiment.outputs - whole
+    residuals, scored = experiment.outputs - whole, experiment.scored
     inputs = experiment.inputs.reshape(-1, sampling.every, len(system.inputs)).mean(axis=1)
     stride = round(sampling.period / used.sampling_time)
     again, skipped = resimulations(system, [(record, part)], rig, sampling=sampling)
@@ -183,7 +183,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
                 digest=record.digest,
                 part=part,
                 seen=_seen(model, record, part),
-                scores=score(experiment.outputs[:, k], whole[:, k]),
+                scores=score(experiment.outputs[scored, k], whole[scored, k]),
                 time=used.time,
                 measured=used.output[:, k],
                 simulated_time=np.asarray(sampling.step * np.arange(len(simulated))),

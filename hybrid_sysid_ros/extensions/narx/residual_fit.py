@@ -20,7 +20,7 @@ from hybrid_sysid_ros.extensions.narx.term_selection import (
     least_criterion,
 )
 from hybrid_sysid_ros.identification.initial_values import FEATURE_SCALE
-from hybrid_sysid_ros.identification.validation.scores import initial_state
+from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.models.hybrid_system import CLIP
 from hybrid_sysid_ros.models.structure import Options
@@ -75,7 +75,7 @@ class ResidualSequence:
         states = np.ascontiguousarray(self.states_of(system)[:: self.experiment.sampling.every])
         n = len(system.physics.declared_states)
         states[0, n : n + len(system.reflections)] = 0.0
-        return replace(self.experiment, states=states)
+        return replace(self.experiment, states=states, deviations=None)
 
 
 def initial_guess(physics: System, residuals: Sequence[ResidualSequence], options: Options) -> ResidualHybrid:

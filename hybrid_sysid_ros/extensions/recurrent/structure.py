@@ -26,7 +26,7 @@ class RecurrentStructure(Structure):
         return {"units": Option(default=24, low=2, high=64, kind="int", description="Hidden states of the GRU.")}
 
     def sampling(self, asked: Sampling) -> Sampling:
-        return replace(asked, step=step_within(asked.period) if asked.input == "averaged" else asked.period)
+        return replace(asked, step=step_within(asked.period) if asked.input != "sampled" else asked.period)
 
     def fit(self, context: FitContext) -> Fit:
         from hybrid_sysid_ros.extensions.recurrent.training import train_network, untrained

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.core.rollout import Dynamics, delayed, dynamics
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.validation.scores import Scores, initial_state
+from hybrid_sysid_ros.identification.starts import initial_state
+from hybrid_sysid_ros.identification.validation.scores import Scores
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.feedback import Law, Limits, feedback_inputs, law_of
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -59,7 +60,7 @@ def follow_again(system: System, record: Record, rig: Rig, *, sampling: Sampling
         if values is None or not np.isfinite(values).all():
             raise UserError(f"{record.name}: channel {name}, a command of the feedback, is missing or has holes")
     commands = np.column_stack([record.channels[name] for name in names])
-    fine = Sampling(step=min(sampling.step, feedback.period), period=feedback.period)
+    fine = replace(sampling, step=min(sampling.step, feedback.period), input="averaged").at(feedback.period)
     first = part.first(record, fine)
     used = part.of(record, fine)
     experiment = prepare(used, system, fine)

@@ -15,7 +15,8 @@ from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.rollout import Dynamics, dynamics
 from hybrid_sysid_ros.identification.experiment import PreparedRecord, prepare
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.validation.scores import Scores, initial_state, score
+from hybrid_sysid_ros.identification.starts import initial_state
+from hybrid_sysid_ros.identification.validation.scores import Scores, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPass, LowPassFilter
@@ -82,7 +83,7 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     sensor = rig.sensors[0]
     count = sensor.quantiser.count if sensor.quantiser else 0.0
     _check_law(used, rig, count if recorded else DEVIATIONS * sensor.noise)
-    grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
+    grid = replace(sampling.at(max(sampling.step, used.sampling_time)), input="averaged")
     experiment = prepare(used, system, grid)
     steps = len(experiment.inputs)
     reference = _reference(used, rig, steps * ticks)

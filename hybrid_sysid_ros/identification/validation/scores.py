@@ -8,14 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.core import Sensitivities, System, rollouts
+from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
+from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-FIRST_SAMPLES = 40
-"""Samples at a record's beginning from which initial states without sensors are estimated."""
-GAUSS_NEWTON = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,13 +73,17 @@ def score(measured: Array, simulated: Array) -> Scores:
 
 
 def score_free_run(system: System, experiment: PreparedRecord) -> Scores:
-    """Scores of the strict free run on measured raw outputs. Raises UserError for a constant output, naming the
-    record.
+    """Scores of the strict free run on measured raw outputs after the warm-up. Raises UserError for a constant output,
+    naming the record.
     """
-    measured = slice(None) if experiment.measured is None else experiment.measured
-    names, simulated = [item.name for item in system.outputs], free_run(system, experiment)
+    return scores_of_run(system, experiment, free_run(system, experiment))
+
+
+def scores_of_run(system: System, experiment: PreparedRecord, simulated: Array) -> Scores:
+    """Scores of a run's outputs (samples, outputs), as :func:`score_free_run` has them."""
+    names, scored = [item.name for item in system.outputs], experiment.scored
     try:
-        return Scores.of(names, experiment.outputs[measured], simulated[measured])
+        return Scores.of(names, experiment.outputs[scored], simulated[scored])
     except UserError as error:
         raise UserError(f"{experiment.name}: {error}; leave the record out") from None
 
@@ -98,32 +99,3 @@ def free_run_states(system: System, experiment: PreparedRecord) -> tuple[Array, 
     starts = np.array([[0, 0, experiment.samples, 0]])
     first = initial_state(system, experiment)[None]
     return rollouts(system, starts, first, experiment.inputs, step=sampling.step, every=sampling.every)
-
-
-def initial_state(system: System, experiment: PreparedRecord) -> Array:
-    """Initial state of a free run, (states,), from the record's first sample. Declared states that it does not show are
-    fitted to the outputs of the first FIRST_SAMPLES samples (Gauss-Newton, least norm).
-    """
-    first, hidden = experiment.states[0].copy(), system.record_map().unobserved
-    if not hidden:
-        return first
-    samples, sampling = min(FIRST_SAMPLES, experiment.samples), experiment.sampling
-    starts = np.array([[0, 0, samples, 0]])
-    deviation = np.maximum(np.std(experiment.outputs, axis=0), 1e-12)
-    sensitivities = Sensitivities(system, parameters=(), states=hidden)
-    sensitivity = np.empty((samples, len(system.outputs), sensitivities.count))
-    given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
-    best, least = first.copy(), np.inf
-    for _ in range(GAUSS_NEWTON):
-        _, outputs = rollouts(system, starts, first[None].copy(), experiment.inputs, **given)
-        errors = ((experiment.outputs[:samples] - outputs) / deviation).ravel()
-        cost = float(np.sum(errors**2))
-        if not np.isfinite(cost) or cost >= least:
-            break
-        best, least = first.copy(), cost
-        sensitivities.rollouts(system, starts, first[None].copy(), experiment.inputs, **given, out=sensitivity)
-        jacobian = (sensitivity[:, :, sensitivities.weights :] / deviation[:, None]).reshape(len(errors), len(hidden))
-        if not np.isfinite(jacobian).all():
-            break
-        first[hidden] += np.linalg.lstsq(jacobian, errors, rcond=1e-3)[0]
-    return best

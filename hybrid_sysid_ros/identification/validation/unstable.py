@@ -12,7 +12,8 @@ from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, fastest_growth, held_inputs, settled
-from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, initial_state
+from hybrid_sysid_ros.identification.starts import initial_state
+from hybrid_sysid_ros.identification.validation.scores import Scores, free_run
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -20,6 +21,8 @@ MOST_GROWTH = 1e6
 """Growth of an error of the initial state over a free run above which the run is meaningless."""
 PAST, APART = 2.0, 0.5
 """Seconds of a record from which the initial state of a prediction is estimated, and seconds between predictions."""
+SECOND = 20
+"""Samples that count as a second for a rig without a stabiliser, whose period may be microseconds or hours."""
 AHEAD = ((1.0, False), (5.0, False), (20.0, True))
 """Horizons [s] of predictions, and whether the stabiliser closes them."""
 
@@ -61,26 +64,34 @@ class PredictionErrors:
 def predictions(
     system: System,
     experiment: PreparedRecord,
-    windows: UnstableFitSettings,
+    windows: UnstableFitSettings | None,
     *,
-    ahead: Sequence[tuple[float, bool]] = AHEAD,
+    ahead: Sequence[tuple[float, bool]] | None = None,
 ) -> list[PredictionErrors]:
     """Errors of predictions over horizons, in open loop or with the stabiliser, where the record is long enough.
 
     Each begins in the state that fits the preceding PAST seconds best (states that no output shows come from the run
     with the stabiliser), and uses only the inputs after that; in closed loop these contain the stabiliser's answer to
-    measurement noise. A prediction begins every APART seconds.
+    measurement noise. A prediction begins every APART seconds. Without windows the rig has no stabiliser: all times are
+    counted in samples then, of which 20 are a second, and the preceding samples decide all states.
 
     Raises UserError for a stabiliser that does not fit the record's sampling.
     """
     sampling, n = experiment.sampling, len(system.declared_states)
-    past, stride = round(PAST / sampling.period), max(round(APART / sampling.period), 1)
+    second = sampling.period * SECOND if windows is None else 1.0
+    past, stride = round(PAST * second / sampling.period), max(round(APART * second / sampling.period), 1)
+    if ahead is None:
+        ahead = AHEAD if windows else [(seconds * second, False) for seconds, _ in AHEAD]
     hidden = [*system.record_map().unobserved, *range(n, len(system.states))]
-    free = [k for k in range(n) if k not in hidden]
-    carried = np.nan_to_num(stabilised_run(system, experiment, windows.stabiliser)[0][:, hidden])
-    initial = experiment.states.copy()
-    initial[:, hidden] = carried
-    noise = np.where(windows.noise > 0.0, windows.noise, 1e-3 * np.std(experiment.outputs, axis=0))
+    free, initial = [k for k in range(n) if k not in hidden], experiment.states.copy()
+    if windows is None:
+        free, initial[:, hidden] = [*free, *hidden], initial_state(system, experiment)[hidden]
+        noise = np.maximum(
+            1e-3 * np.std(experiment.outputs, axis=0), 0.0 if experiment.noise is None else experiment.noise
+        )
+    else:
+        initial[:, hidden] = np.nan_to_num(stabilised_run(system, experiment, windows.stabiliser)[0][:, hidden])
+        noise = np.where(windows.noise > 0.0, windows.noise, 1e-3 * np.std(experiment.outputs, axis=0))
     given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
     found = []
     for seconds, closed in ahead:
@@ -98,7 +109,7 @@ def predictions(
         from_here = np.ascontiguousarray(states[starts[:, 3] + past])
         then = np.array([[0, (b + past) * sampling.every, length + 1, k * (length + 1)] for k, b in enumerate(begins)])
         inputs, options = experiment.inputs, dict(given)
-        if closed:
+        if closed and windows:
             inputs = held_inputs(experiment, windows.stabiliser)
             options["feedback"] = feedback_of(system, windows.stabiliser)
         _, outputs = rollouts(system, then, from_here, inputs, **options)
