@@ -16,7 +16,8 @@ NEIGHBOURS = {
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
-    "record_check": ("check-record",), "recurrent": ("recurrent",), "search": ("search",), "trim": ("trim",),
+    "record_check": ("check-record",), "recurrent": ("recurrent",), "search": ("search",),
+    "state_space": ("state_space",), "trim": ("trim",),
     "view": ("view", "rig layouts", "--view", "--port"),
     "vision": ("film", "video", "camera", "vision", "--camera", "--layers", "--picture"),
 }  # fmt: skip

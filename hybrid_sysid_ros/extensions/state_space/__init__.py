@@ -1,0 +1,1 @@
+"""State-space models of any order from inputs and outputs alone."""

@@ -1,0 +1,204 @@
+"""Identification of a state-space model: its order, a subspace start, and the refinement."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros.core import Variable
+from hybrid_sysid_ros.core.parameters import scale_of
+from hybrid_sysid_ros.extensions.state_space.order_selection import Selection, comparable, rows_for, select_order
+from hybrid_sysid_ros.extensions.state_space.periods import spectrum_of
+from hybrid_sysid_ros.extensions.state_space.refinement import Refined, refine, unit_states, weights_of
+from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
+from hybrid_sysid_ros.extensions.state_space.subspace import (
+    Matrices,
+    Stretch,
+    completed,
+    in_frequency,
+    in_time,
+    observability,
+    poles_and_readout,
+    residuals,
+)
+from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
+from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.threads import alone
+
+Progress = Callable[[str, int, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateSpaceSettings:
+    """What a user may choose."""
+
+    order: int = 0
+    """0: by held-out blocks."""
+    highest: int = 10
+    """Highest order that is compared."""
+    through: bool | None = None
+    """Whether an input acts on the outputs at once; None: held-out blocks decide."""
+    units: int = 0
+    power: int = 0
+    ridge: float = 1e-8
+    """Weight of the squared weights of units, relative to the sum of squared outputs."""
+    starts: int = 3
+    """Random beginnings of the units, of which the best fit stays."""
+
+
+def identify_state_space(
+    records: Sequence[PreparedRecord],
+    outputs: tuple[Variable, ...],
+    inputs: tuple[Variable, ...],
+    settings: StateSpaceSettings,
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Fit:
+    """Fit a model to all records at once by the error of its simulation.
+
+    Raises UserError where the records are too short for the order, or a constant input or output can't be scaled.
+    """
+    began = time.perf_counter()
+    tell = progress or (lambda stage, count, error: None)
+    with alone():
+        stretches, scales = _scaled(records)
+        selection = _selected(stretches, settings, tell)
+        start = _start(stretches, selection)
+        linear = Sizes(states=selection.order, inputs=len(inputs), outputs=len(outputs))
+        best = _refined(weights_of(start, linear), linear, stretches, selection, settings, "linear", tell)
+        count, sizes = best.evaluations, linear
+        if settings.units:
+            sizes = replace(linear, units=settings.units, power=settings.power)
+            fits = []
+            for number in range(settings.starts):
+                first_guess = _with_units(best, linear, sizes, np.random.default_rng([seed, number]))
+                stage = f"units, beginning {number + 1}"
+                fits.append(_refined(first_guess, sizes, stretches, selection, settings, stage, tell, best.firsts))
+            best = min(fits, key=lambda fit: fit.mean_square)
+            count += sum(fit.evaluations for fit in fits)
+        weights = unit_states(best.weights, sizes, stretches, best.firsts)[0]
+    period = records[0].sampling.period
+    system = StateSpace(
+        period=period,
+        outputs=outputs,
+        inputs=inputs,
+        order=selection.order,
+        units=sizes.units,
+        power=sizes.power,
+        scales=scales,
+        trials=tuple((float(item.order), item.error, item.spread) for item in selection.trials),
+        map_weights=weights,
+    )
+    seconds = time.perf_counter() - began
+    return Fit(system=system, relative_error=float(np.sqrt(best.mean_square)), seconds=seconds, evaluations=count)
+
+
+def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[Stretch], tuple[float, ...]]:
+    """Inputs and outputs from their means in their deviations, and these: means of outputs and inputs, deviations."""
+    means, sizes = [], []
+    for name in ("outputs", "inputs"):
+        values = np.concatenate([getattr(record, name) for record in records])
+        means.append(np.array([float(f"{value:.6g}") for value in values.mean(axis=0)]))
+        sizes.append(np.array([scale_of(value) for value in values.std(axis=0)]))
+    found = [
+        (
+            np.ascontiguousarray((record.inputs - means[1]) / sizes[1]),
+            np.ascontiguousarray((record.outputs[: len(record.inputs)] - means[0]) / sizes[0]),
+        )
+        for record in records
+    ]
+    return found, tuple(np.concatenate([*means, *sizes]).tolist())
+
+
+def _selected(stretches: Sequence[Stretch], settings: StateSpaceSettings, tell: Progress) -> Selection:
+    if settings.order and settings.through is not None:
+        _check_length(stretches, settings.order)
+        return Selection(order=settings.order, through=settings.through, trials=())
+    orders = [settings.order] if settings.order else comparable(stretches, settings.highest)
+    if settings.order:
+        _check_length(stretches, settings.order)
+    return select_order(
+        stretches,
+        orders=orders,
+        through=settings.through,
+        progress=lambda order, error: tell(f"order {order}, held-out blocks", order, error),
+    )
+
+
+def _check_length(stretches: Sequence[Stretch], order: int) -> None:
+    """Raise UserError where the samples are fewer than a subspace of that order needs."""
+    m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
+    rows = rows_for(order, p)
+    columns = sum(max(len(inputs) - 2 * rows + 1, 0) for inputs, _ in stretches)
+    if columns < 4 * rows * (m + p):
+        raise UserError(
+            f"state space: {sum(len(inputs) for inputs, _ in stretches)} samples are too few for order {order}, which "
+            f"needs {2 * rows + 4 * rows * (m + p)} in a row; give longer records or a lower order"
+        )
+
+
+def _start(stretches: Sequence[Stretch], selection: Selection) -> Matrices:
+    """The best of the subspace starts in time and, for periodic records, in frequency."""
+    m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
+    rows = rows_for(selection.order, p)
+    factors = [in_time(stretches, rows)]
+    spectra = [found for found in map(spectrum_of, stretches) if found is not None]
+    if spectra and 2 * sum(len(item.z) for item in spectra) > 2 * rows * (m + p):
+        factors.append(in_frequency(spectra, rows))
+    models = []
+    for factor in factors:
+        a, c = poles_and_readout(observability(factor, rows, m, p)[0], selection.order, p)
+        models.append(completed(a, c, stretches, selection.through))
+    squares = [sum(float(np.sum(residuals(model, *item) ** 2)) for item in stretches) for model in models]
+    return models[int(np.argmin(squares))]
+
+
+def _refined(
+    weights: Array,
+    sizes: Sizes,
+    stretches: Sequence[Stretch],
+    selection: Selection,
+    settings: StateSpaceSettings,
+    stage: str,
+    tell: Progress,
+    firsts: Array | None = None,
+) -> Refined:
+    first_guess, starts = unit_states(weights, sizes, stretches, firsts)
+    return refine(
+        first_guess,
+        sizes,
+        stretches,
+        through=selection.through,
+        ridge=settings.ridge,
+        iterations=200,
+        firsts=starts,
+        progress=lambda count, error: tell(stage, count, error) if count % 10 == 1 else None,
+    )
+
+
+def _with_units(linear: Refined, before: Sizes, sizes: Sizes, random: np.random.Generator) -> Array:
+    """The weights of a linear model whose states have deviation one, with random units that do nothing yet."""
+    weights = np.zeros(sizes.count)
+    weights[: sizes.units_at] = linear.weights[: before.units_at]
+    weights[sizes.readout_at :] = linear.weights[before.readout_at :]
+    units = weights[sizes.units_at : sizes.readout_at].reshape(sizes.units, sizes.wide + sizes.states)
+    units[:, : sizes.wide] = random.normal(size=(sizes.units, sizes.wide)) / np.sqrt(sizes.states)
+    return weights
+
+
+def options_of(options: Any) -> StateSpaceSettings:
+    """The settings of a structure's options. Raises UserError for a power without units, and a first power."""
+    given = {name: int(options[name]) for name in ("order", "highest", "units", "power", "starts")}
+    if given["power"] == 1:
+        raise UserError("state space: a unit of power 1 is linear; take power 2 to 7, or 0 for tanh")
+    if given["power"] and not given["units"]:
+        raise UserError("state space: power is that of units; give their number, too (--option units=2)")
+    through = {0: False, 1: True}.get(int(options["feedthrough"]))
+    return StateSpaceSettings(**given, through=through, ridge=float(options["ridge"]))

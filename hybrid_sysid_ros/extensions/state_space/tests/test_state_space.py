@@ -1,0 +1,174 @@
+"""State spaces: every form agrees, derivatives are exact, and known systems come back."""
+
+import numpy as np
+import pytest
+from scipy.signal import dlsim
+
+from hybrid_sysid_ros.core import Variable, one_step
+from hybrid_sysid_ros.core.rollout import output_of
+from hybrid_sysid_ros.core.symbolic import symbolic_step
+from hybrid_sysid_ros.extensions.state_space import tangents
+from hybrid_sysid_ros.extensions.state_space.identification import StateSpaceSettings, identify_state_space, options_of
+from hybrid_sysid_ros.extensions.state_space.order_selection import select_order
+from hybrid_sysid_ros.extensions.state_space.periods import period_of, spectrum_of
+from hybrid_sysid_ros.extensions.state_space.refinement import _roles, free_weights, simulated, unit_states
+from hybrid_sysid_ros.extensions.state_space.subspace import (
+    completed,
+    in_frequency,
+    in_time,
+    observability,
+    poles_and_readout,
+)
+from hybrid_sysid_ros.extensions.state_space.tests.systems import state_space
+from hybrid_sysid_ros.identification import free_run, score
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models.fit import PreparedRecord
+from hybrid_sysid_ros.support.errors import UserError
+
+A = np.array([[0.9, 0.3, 0.0], [-0.3, 0.9, 0.2], [0.0, 0.0, 0.5]])
+B = np.array([[0.0, 1.0], [1.0, 0.0], [0.5, -1.0]])
+C = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, -1.0]])
+D = np.array([[0.0, 0.2], [0.0, 0.0]])
+POLES = np.sort_complex(np.linalg.eigvals(A))
+
+
+def simulation(inputs, noise=0.0, seed=0):
+    _, outputs, _ = dlsim((A, B, C, D, 1.0), inputs, x0=[1.0, -1.0, 0.5])
+    return outputs + noise * np.random.default_rng(100 + seed).normal(size=outputs.shape)
+
+
+def noise_driven(samples=1500, noise=0.0, seed=0):
+    inputs = np.random.default_rng(seed).normal(size=(samples, 2))
+    return inputs, simulation(inputs, noise, seed)
+
+
+def prepared(inputs, outputs, name="arrays"):
+    return PreparedRecord(
+        name=name, sampling=Sampling(step=0.05, period=0.05), inputs=inputs[:-1], outputs=outputs,
+        states=np.zeros((len(outputs), 3)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("power", [0, 3])
+def test_the_compiled_and_the_casadi_form_are_the_equation(power):
+    system, random = state_space(power=power), np.random.default_rng(1)
+    n, wide, units = system.order, system.order + 2, system.units
+    state, rest = np.split(system.weights, [n * wide])
+    rest, output = np.split(rest, [units * (wide + n)])
+    state, rest = state.reshape(n, wide), rest.reshape(units, wide + n)
+    symbolic = symbolic_step(system, step=0.05)
+    for _ in range(20):
+        x, u = random.normal(size=n), random.normal(size=1) * 4.0
+        z = np.concatenate([x, (u - 0.3) / 4.0, [1.0]])
+        s = rest[:, :wide] @ z
+        hidden = np.clip(s, -3.0, 3.0) ** power if power else np.tanh(s)
+        following = one_step(system, x, u, step=0.05)
+        np.testing.assert_allclose(following, state @ z + rest[:, wide:].T @ hidden, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(np.array(symbolic(x, u)).ravel(), following, rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(output_of(system, x, u), 0.01 + 0.05 * (output @ z), rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize(("units", "power"), [(0, 0), (2, 0), (2, 3)])
+def test_tangents_are_what_simulations_differ_by(units, power):
+    random = np.random.default_rng(1)
+    sizes = tangents.Sizes(states=3, inputs=2, outputs=2, units=units, power=power)
+    weights = 0.2 * random.normal(size=sizes.count)
+    weights[: 3 * sizes.wide].reshape(3, -1)[:, :3] = np.triu(0.4 * random.normal(size=(3, 3)))
+    inputs, wanted, first = random.normal(size=(50, 2)), random.normal(size=(50, 2)), random.normal(size=3)
+    free = free_weights(weights, sizes, through=True)
+    columns = len(free) + 3
+    jacobian, errors, tangent = np.empty((100, columns)), np.empty((50, 2)), np.zeros((3, columns))
+    tangent[:, len(free) :] = np.eye(3)
+    roles = _roles(free, sizes)
+    tangents.tangents(weights, sizes.numbers, roles, inputs, wanted, first.copy(), tangent, errors, jacobian)
+    np.testing.assert_allclose(wanted - errors, simulated(weights, sizes, inputs, first), rtol=1e-12)
+    for column in range(columns):
+        moved = []
+        for change in (1e-6, -1e-6):
+            others, begin = weights.copy(), first.copy()
+            if column < len(free):
+                others[free[column]] += change
+            else:
+                begin[column - len(free)] += change
+            moved.append(simulated(others, sizes, inputs, begin).ravel())
+        np.testing.assert_allclose(jacobian[:, column], (moved[0] - moved[1]) / 2e-6, atol=1e-8)
+
+
+def test_states_of_another_size_are_the_same_model():
+    random = np.random.default_rng(2)
+    sizes = tangents.Sizes(states=3, inputs=1, outputs=1, units=2, power=3)
+    weights, inputs = state_space(power=3).weights, random.normal(size=(200, 1))
+    first = random.normal(size=(1, 3))
+    before = simulated(weights, sizes, inputs, first[0])
+    changed, starts = unit_states(weights, sizes, [(inputs, before)], first)
+    np.testing.assert_allclose(simulated(changed, sizes, inputs, starts[0]), before, rtol=1e-9)
+
+
+def test_subspaces_in_time_find_the_system_that_made_the_data():
+    stretches = [noise_driven(seed=0), noise_driven(400, seed=1)]
+    a, c = poles_and_readout(observability(in_time(stretches, 8), 8, 2, 2)[0], 3, 2)
+    np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(a)), POLES, atol=1e-9)
+    model = completed(a, c, stretches, True)
+    np.testing.assert_allclose(model.d, D, atol=1e-9)
+    gain = model.c @ np.linalg.solve(np.eye(3) - model.a, model.b)
+    np.testing.assert_allclose(gain, C @ np.linalg.solve(np.eye(3) - A, B), atol=1e-8)
+
+
+def test_subspaces_in_frequency_find_the_system_from_its_steady_periods():
+    period = np.random.default_rng(3).normal(size=(200, 2))
+    inputs = np.tile(period, (5, 1))
+    assert period_of(inputs) == 200
+    spectrum = spectrum_of((inputs, simulation(inputs)))
+    a, _ = poles_and_readout(observability(in_frequency([spectrum], 8), 8, 2, 2)[0], 3, 2)
+    np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(a)), POLES, atol=1e-6)
+
+
+@pytest.mark.parametrize("inputs", [np.random.default_rng(0).normal(size=(600, 1)), np.arange(600.0)[:, None]])
+def test_an_input_that_does_not_repeat_itself_has_no_period(inputs):
+    assert period_of(inputs) == 0
+
+
+def test_the_order_and_the_way_through_are_those_of_the_system():
+    inputs, outputs = noise_driven(2000, noise=0.05)
+    found = select_order([(inputs, outputs)], orders=(1, 2, 3, 4, 5, 6), through=None)
+    assert (found.order, found.through) == (3, True)
+    later = simulation(inputs) - inputs @ D.T
+    assert not select_order([(inputs, later + 0.05)], orders=(2, 3), through=None).through
+
+
+def test_a_fit_needs_only_inputs_and_outputs_and_predicts_unseen_records():
+    signals = tuple(tuple(Variable(name=f"{kind}{i}", unit="V") for i in range(2)) for kind in "yu")
+    inputs, outputs = noise_driven(1200, noise=0.05)
+    unseen, truth = noise_driven(500, seed=9)
+    fit = identify_state_space([prepared(inputs, outputs)], *signals, StateSpaceSettings(highest=5))
+    assert fit.system.order == 3
+    assert score(truth[:, 0], free_run(fit.system, prepared(unseen, truth))[:, 0]).r2 > 0.999
+    np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(fit.system.matrices()[0])), POLES, atol=0.01)
+
+
+def test_units_in_the_feedback_learn_a_spring_that_hardens():
+    """A resonance with a cubic spring, where a linear model is wrong by tenths."""
+    random, x = np.random.default_rng(4), np.zeros(2)
+    inputs, outputs = random.normal(size=(3000, 1)), np.empty((3000, 1))
+    for k, u in enumerate(inputs[:, 0]):
+        outputs[k] = x[0]
+        x = np.array([x[0] + 0.3 * x[1], 0.85 * x[1] - 0.3 * x[0] - 0.4 * x[0] ** 3 + 0.05 * u])
+    signals = (Variable(name="y", unit="V"),), (Variable(name="u", unit="V"),)
+    known = {"order": 2, "through": False}
+    errors = [
+        identify_state_space([prepared(inputs, outputs)], *signals, StateSpaceSettings(**known, **more)).relative_error
+        for more in ({}, {"units": 1, "power": 3, "starts": 1})
+    ]
+    assert errors[0] > 0.05
+    assert errors[1] < 1e-3
+
+
+def test_what_can_not_be_fitted_is_refused():
+    signals = (Variable(name="y", unit="V"),), (Variable(name="u", unit="V"),)
+    short = prepared(np.random.default_rng(0).normal(size=(60, 1)), np.random.default_rng(1).normal(size=(60, 1)))
+    with pytest.raises(UserError, match="59 samples"):
+        identify_state_space([short], *signals, StateSpaceSettings())
+    options = {"order": 2, "highest": 4, "feedthrough": 2, "units": 0, "power": 3, "ridge": 1e-8, "starts": 1}
+    for wrong, reason in (({}, "power is that of units"), ({"units": 1, "power": 1}, "is linear")):
+        with pytest.raises(UserError, match=reason):
+            options_of({**options, **wrong})
