@@ -21,6 +21,7 @@ from hybrid_sysid_ros.control.safety.supervisor import (
     IMPROVED,
     INFEASIBLE,
     LAYERS,
+    NOISE_SHARE,
     OUT_OF_RANGE,
     REASONS,
     WAITING,
@@ -232,6 +233,28 @@ def test_a_network_drives_where_the_last_plan_a_step_from_it_and_its_own_plan_ag
         np.testing.assert_allclose(plan.inputs, expected, atol=1e-5)
 
 
+@pytest.mark.parametrize("stage", [0, -1], ids=["first", "last"])
+def test_no_network_is_believed_where_a_step_moves_any_input_of_the_last_plan(case, stage):
+    """Not even the exact law: where the last plan is off later on only, it may be on its way to another solution."""
+    generous, instance = TOLERANCES._replace(floor=1e9, patience=0, step=(0.05,)), next(instances(case, 1))
+    for off, reason in ((0.04, ACCEPTED), (0.06, IMPROVED)):
+        last = case.plan(flat(instance))
+        last[stage, 0] += off
+        assert checked(case, exact_policy(case), instance, last, generous) == reason
+
+
+def test_a_plan_may_cost_a_part_of_a_sample_s_noise_more_than_the_step(case):
+    """However much more it may cost than the shifted plan: here it is accepted up to exactly that cost."""
+    instance = next(instances(case, 1))
+    matrix, right = case.least_squares(flat(instance))
+    best = case.plan(flat(instance))
+    more = np.sum((matrix @ (best.ravel() + 0.03) - right) ** 2) - np.sum((matrix @ best.ravel() - right) ** 2)
+    samples = case.problem.horizon / NOISE_SHARE
+    for share, reason in ((1.001, ACCEPTED), (0.999, IMPROVED)):
+        given = TOLERANCES._replace(cost=1e9, floor=share * samples * more, patience=0, step=(0.05,))
+        assert checked(case, policy_shifted(exact_policy(case), 0.03), instance, best, given) == reason
+
+
 @pytest.mark.parametrize("real_time", [False, True], ids=["converged", "real time"])
 def test_while_a_network_drives_the_exact_mpc_follows(case, real_time):
     """What it takes over with is its own plan, not the network's, which is off by less than is allowed."""
@@ -251,10 +274,10 @@ def test_answers_count_as_good_that_are_near_those_of_the_exact_mpc_beside_them(
     asked, step = next(instances(case, 1)), 0.05
     supervisor = supervisor_of(case, broken_policy(case), TOLERANCES._replace(floor=1e9, patience=2, step=(step,)))
     seen = []
-    for off in (False, False, True, True, False, False, False):
+    for off in (False, False, False, False, True, True, False, False, False):
         supervisor.control(*(bad(asked) if off else asked))
         seen.append(supervisor.reason)
-    assert seen == [WAITING, ACCEPTED, IMPROVED, WAITING, WAITING, WAITING, ACCEPTED]
+    assert seen == [*[WAITING] * 3, ACCEPTED, IMPROVED, *[WAITING] * 3, ACCEPTED]
 
 
 def test_a_rejected_network_drives_again_after_some_good_answers(case):

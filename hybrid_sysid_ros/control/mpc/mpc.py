@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
+
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
@@ -14,6 +16,7 @@ from hybrid_sysid_ros.control.mpc.shooting import (
     plan,
     prepare_program,
     restore,
+    rollout,
     shift,
     shooting,
     solve_call,
@@ -145,6 +148,15 @@ class ExactMpc:
         parts = mpc.prediction, mpc.horizon, mpc.program, self._instance
         found = solve_call(*parts, 1, self._tolerance, False, True, True)
         return mpc.horizon.planned[0].copy() if found.iterations else None
+
+    def follow(self, inputs: Array) -> tuple[float, Array]:
+        """Cost of inputs (N, m) for the last call's instance, and the states (N + 1, n) that they lead to, in the exact
+        form.
+        """
+        mpc = self._shooting
+        states = np.empty_like(mpc.horizon.states)
+        cost, _ = rollout(mpc.prediction, mpc.horizon.weights, self._instance, inputs.copy(), states)
+        return float(cost), states
 
     def _go_on(self, began: float) -> Status:
         """Iterate until solved, out of iterations or out of time."""

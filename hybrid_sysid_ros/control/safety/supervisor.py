@@ -37,6 +37,11 @@ REASONS = (
 REJECTIONS = tuple(REASONS[k] for k in (OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER))
 """Those that say what is wrong with an answer of the network."""
 
+NOISE_SHARE = 0.1
+"""Share of the cost of the sensors' noise at one sample by which a plan may cost more than the exact MPC's step. It
+adds up along a loop, and what it does to the state may cost more later, for example where a contact sticks or not.
+"""
+
 INPUT_ROUNDING = 1e-9
 """Largest distance of an input from its bounds [its unit]."""
 
@@ -55,8 +60,8 @@ class Tolerances(NamedTuple):
     patience: int
     """Instances in a row that the network must answer well after a rejection, before it drives again."""
     step: Numbers = (math.inf,)
-    """(m,), by how much the first inputs of the last plan, of one step of the exact MPC from it, and of the network may
-    differ, or one for all [their unit]; where it is infinite, no step is made."""
+    """(m,), by how much one step of the exact MPC may move an input of the last plan, and the network's first input may
+    differ from that step's, or one for all [their unit]; where it is infinite, no step is made."""
 
 
 @kernel
@@ -69,9 +74,11 @@ def check(
     limits: tuple[Array, float, float, float],
     inputs: Array,
     states: Array,
+    costs: Array,
 ) -> int:
     """Check a policy's plan against the shifted one in the horizon of an exact MPC; the plan and its simulated states
-    are written to ``inputs`` and ``states``. limits: those of disturbance, share and floor of the cost, and violation.
+    are written to ``inputs`` and ``states``, its cost to ``costs`` (1,). limits: those of disturbance, share and floor
+    of the cost, and violation.
 
     It is accepted where the instance is within the training range, the disturbance is not too large, and the plan's
     simulation is finite, keeps the bounds of inputs, of their changes and, within the tolerance, of states, and costs
@@ -91,12 +98,12 @@ def check(
         return INFEASIBLE
     weights = horizon.weights
     shifted_cost, _ = follow(prediction, weights, instance, horizon.inputs, states)
-    cost, outside = follow(prediction, weights, instance, inputs, states)
-    if not math.isfinite(cost) or outside > violation:
+    costs[0], outside = follow(prediction, weights, instance, inputs, states)
+    if not math.isfinite(costs[0]) or outside > violation:
         return INFEASIBLE
     if not math.isfinite(shifted_cost):
         return ACCEPTED
-    return COSTLIER if cost > (1.0 + share) * shifted_cost + floor else ACCEPTED
+    return COSTLIER if costs[0] > (1.0 + share) * shifted_cost + floor else ACCEPTED
 
 
 @inner
@@ -136,7 +143,8 @@ class Supervisor:
     Changes of layer are bumpless: every layer gets the inputs that were really applied, the exact MPC begins with the
     last plan, and the rest of that plan is used where it is late. After a rejection the network drives again after
     several good answers in a row, so that layers don't chatter. The first plan is the exact MPC's, since a check
-    against a bad plan is meaningless. The warm start has the same source as the check.
+    against a bad plan is meaningless; where steps are made, the first several are, since from a cold start it may take
+    more than one. The warm start has the same source as the check.
 
     The last plan is the one that was applied, or where steps are made, the exact MPC's own: while the network drives,
     it solves each instance in :meth:`prepare`, after the input was sent, and in real time the step is its plan. The
@@ -163,11 +171,13 @@ class Supervisor:
         most = np.broadcast_to(np.array(tolerances.disturbance, dtype=float), (policy.inputs,)).copy()
         self._limits = most, float(tolerances.cost), float(tolerances.floor), float(tolerances.violation)
         self._patience = tolerances.patience
+        self._noise = NOISE_SHARE * float(tolerances.floor) / policy.horizon
         self._step = np.array(tolerances.step, dtype=float)
         self._steps = bool(np.isfinite(self._step).any())
         self._flat, self._instance = new_instance(mpc.system, policy.problem)
         self._inputs = np.zeros((policy.horizon, policy.inputs))
         self._states = np.zeros((policy.horizon + 1, policy.states))
+        self._cost = np.full(1, math.inf)
         self.layers: Counter[str] = Counter()
         self.reasons: Counter[str] = Counter()
         self.reason = WAITING
@@ -178,7 +188,8 @@ class Supervisor:
         """Forget the last plan; counts stay."""
         self.mpc.reset()
         self.policy.reset()
-        self._age, self._waiting = 0.0, 0
+        self._age, self._waiting = 0.0, self._patience if self._steps else 0
+        self._inputs.fill(math.nan)
         self._unsolved = False
 
     def prepare(self, elapsed: float) -> None:
@@ -223,6 +234,7 @@ class Supervisor:
             self._limits,
             self._inputs,
             self._states,
+            self._cost,
         )
         reason = int(check(self.policy.packed, *parts))
         if reason == ACCEPTED and self._steps and self._waiting == 0:
@@ -234,21 +246,25 @@ class Supervisor:
         return reason
 
     def _stepped(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
-        """IMPROVED unless the last plan, one step of the exact MPC from it, and the network agree in first inputs.
+        """IMPROVED unless one step of the exact MPC leaves the last plan nearly as it is, and the network agrees with
+        it in its first inputs and, but for a part of one sample's noise, in its cost.
 
-        The last plan stays as it was, but for one in real time that they agree with: this step is all there is.
+        A plan that a step moves, if only later on, may be far from the solution, so that nobody knows what the network
+        should have answered. The last plan stays as it was, but for one in real time that they agree with: this step is
+        all there is.
         """
         horizon = self.mpc.shooting.horizon
         inputs, states, under = horizon.inputs.copy(), horizon.states.copy(), horizon.disturbance.copy()
         first = self.mpc.step(state, disturbance, previous_input, preview)
-        near = first is not None and self._near(first, inputs[0]) and self._near(first, self._inputs[0])
+        near = first is not None and self._near(horizon.planned, inputs) and self._near(first, self._inputs[0])
+        near = near and self._cost[0] <= self.mpc.follow(horizon.planned)[0] + self._noise
         if not (near and self.mpc.real_time):
             self.mpc.adopt(under, inputs, states)
             self._unsolved = near
         return ACCEPTED if near else IMPROVED
 
     def _near(self, one: Array, other: Array) -> bool:
-        """Whether inputs (m,) differ by no more than the tolerance of a step."""
+        """Whether inputs (m,), or plans (N, m), differ by no more than the tolerance of a step."""
         return bool(np.all(np.abs(one - other) <= self._step))
 
     def _fallback(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
