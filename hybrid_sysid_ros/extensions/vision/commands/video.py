@@ -17,6 +17,7 @@ from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import motion_of_camera
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
@@ -77,18 +78,21 @@ def command(
     if page is not None:
         report.check_available()
         check_file(page, suffix=".html")
-    with status.status("looking at the film") as spinner, _named_in_errors(video, bag, layers):
+    with status.status("looking how the camera moves") as spinner, _named_in_errors(video, bag, layers):
         known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
         if known and layers is not None:
             found = PictureLayers.load(layers)
+            motion = motion_of_camera(video, found.background)
         else:
-            film = picked(video)
+            motion = motion_of_camera(video)
+            film = picked(video, motion=motion)
             found, _ = learn(
                 film, described, readout=readout, progress=lambda stage: spinner.update(f"learning: {stage}")
             )
         footage = followed(
-            video, AngleReader(found), scene.lamp, progress=lambda count: spinner.update(f"reading: {count} pictures")
-        )
+            video, AngleReader(found), scene.lamp, motion=motion,
+            progress=lambda count: spinner.update(f"reading: {count} pictures"),
+        )  # fmt: skip
         spinner.update("synchronising")
         record = video_record.joined(footage, found, described, bag, exposure=exposure)
         if layers is not None and not known:

@@ -35,18 +35,18 @@ def point(
     s: float,
     u: float,
     v: float,
-) -> tuple[float, float, int]:
+) -> tuple[float, float, float, float, int]:
     """Difference of the pixel nearest to a texel from the layers [counts], how fast the layers change there with the
-    angle [counts/rad], and its row, -1 outside of the picture.
+    angle [counts/rad] and with the sprite's place along x and y [counts/pixel], and its row, -1 outside of the picture.
     """
     x, y = math.floor(pivot[0] + u * c - v * s + 0.5), math.floor(pivot[1] + u * s + v * c + 0.5)
     if x < 0 or y < 0 or x >= picture.shape[1] or y >= picture.shape[0]:
-        return 0.0, 0.0, -1
+        return 0.0, 0.0, 0.0, 0.0, -1
     dx, dy = x - pivot[0], y - pivot[1]
     across, down = dx * c + dy * s, -dx * s + dy * c
     k, i = math.floor(across - first[0]), math.floor(down - first[1])
     if k < 0 or i < 0 or k >= alpha.shape[1] - 1 or i >= alpha.shape[0] - 1:
-        return 0.0, 0.0, -1
+        return 0.0, 0.0, 0.0, 0.0, -1
     right, low = across - first[0] - k, down - first[1] - i
     behind, gain = background[y, x], gains[y]
     # what the layers show at the four texels around: B (1 - a) + T
@@ -57,8 +57,9 @@ def point(
     shown = (1.0 - low) * ((1.0 - right) * a + right * b) + low * ((1.0 - right) * d + right * e)
     by_u = (1.0 - low) * (b - a) + low * (e - d)
     by_v = (1.0 - right) * (d - a) + right * (e - b)
-    # du / dangle = -v, dv / dangle = u
-    return picture[y, x] - gain * shown, gain * (by_v * across - by_u * down), y
+    # du / dangle = -v, dv / dangle = u; moved along x, u falls by c and v rises by s
+    turning, along, down = by_v * across - by_u * down, by_v * s - by_u * c, -by_u * s - by_v * c
+    return picture[y, x] - gain * shown, gain * turning, gain * along, gain * down, y
 
 
 @inner
@@ -69,7 +70,7 @@ def scanned(
     """Mean capped difference of the layers at an angle [counts]."""
     c, s, total, count = math.cos(angle), -math.sin(angle), 0.0, 0
     for k in range(points.shape[0]):
-        difference, _, row = point(
+        difference, _, _, _, row = point(
             picture, background, alpha, texture, first, pivot, gains, c, s, points[k, 0], points[k, 1]
         )
         if row >= 0:
@@ -102,7 +103,7 @@ def aligned(
         gradient = curvature = rows = total = weights = 0.0
         scores[:], histogram[:], used = 0.0, 0, 0
         for k in range(count):
-            difference, slope, row = point(
+            difference, slope, _, _, row = point(
                 picture, background, alpha, texture, first, pivot, gains, c, s, points[k, 0], points[k, 1]
             )
             if row < 0:
@@ -197,6 +198,65 @@ def read_angle(
             best, least = out[0], out[2]
         costs[max(k - spread, 0) : k + spread + 1] = 1e9
     aligned(picture, background, alpha, texture, first, pivot, gains, points, best, reach, STEPS, out)
+
+
+@kernel
+def align_freely(
+    picture: NDArray[np.uint8], background: Plane, alpha: Plane, texture: Plane, first: tuple[float, float],
+    pivot: tuple[float, float], gains: Array, points: Points, angle: float, reach: float, out: Array,
+) -> None:  # fmt: skip
+    """Alignment from a known angle on over angle and place together. out: angle [rad] and place beside the pivot
+    [pixels], their variances, and their mean row; the variances are those of :func:`aligned`.
+    """
+    width = 16.0 * max(1.0, reach / 320.0)
+    blocks = 2 * int(reach / width) + 4
+    scores, normal, gradient = np.empty((blocks, 3)), np.empty((3, 3)), np.empty(3)
+    histogram, slopes, beside, deviation = np.zeros(BINS, dtype=np.int64), np.empty(3), np.zeros(2), 0.0
+    out[:] = np.nan
+    for step in range(STEPS):
+        c, s = math.cos(angle), -math.sin(angle)
+        limit = BISQUARE * deviation
+        scores[:], normal[:], gradient[:], histogram[:], used, rows = 0.0, 0.0, 0.0, 0, 0, 0.0
+        place = (pivot[0] + beside[0], pivot[1] + beside[1])
+        for k in range(points.shape[0]):
+            difference, slopes[0], slopes[1], slopes[2], row = point(
+                picture, background, alpha, texture, first, place, gains, c, s, points[k, 0], points[k, 1]
+            )
+            if row < 0:
+                continue
+            used += 1
+            size = abs(difference)
+            histogram[min(int(2.0 * size), BINS - 1)] += 1
+            if step == 0:
+                weight = 1.0 / (1.0 + (size / 10.0) ** 2)
+            elif size < limit:
+                weight = (1.0 - (size / limit) ** 2) ** 2
+            else:
+                continue
+            block = int(points[k, 0] / width + blocks / 2)
+            rows += weight * slopes[0] ** 2 * row
+            for i in range(3):
+                gradient[i] += weight * difference * slopes[i]
+                scores[block, i] += weight * difference * slopes[i]
+                for j in range(3):
+                    normal[i, j] += weight * slopes[i] * slopes[j]
+        if used < points.shape[0] // 4 or not min(normal[0, 0], normal[1, 1], normal[2, 2]) > 0.0:
+            return
+        for i in range(3):
+            normal[i, i] *= 1.0 + 1e-6
+        inverse = np.linalg.inv(normal)
+        move = inverse @ gradient
+        spread = scores @ inverse
+        out[0], out[1], out[2], out[6] = angle, beside[0], beside[1], rows / normal[0, 0]
+        for i in range(3):
+            out[3 + i] = np.sum(spread[:, i] ** 2)
+        deviation = max(_median(histogram, used) / 0.6745, 0.7)
+        if step > 1 and abs(move[0]) * reach + abs(move[1]) + abs(move[2]) < SETTLED:
+            return
+        most = FARTHEST / reach
+        angle += min(max(move[0], -most), most)
+        for i in range(2):
+            beside[i] += min(max(move[1 + i], -FARTHEST), FARTHEST)
 
 
 @kernel

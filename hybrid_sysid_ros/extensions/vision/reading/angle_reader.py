@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.extensions.vision.reading.alignment import align_from, read_angle
+from hybrid_sysid_ros.extensions.vision.reading.alignment import align_freely, align_from, read_angle
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers, interpolated
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -25,6 +25,7 @@ SCENERY = 5000  # pixels that the joint never comes over, by which a moved camer
 STANDS = 0.97
 """Correlation of what stands in pictures with the background, below which the camera was moved, by four of 640 pixels
 or a degree of roll, or they are of something else; noise of 8 counts leaves .987 in a single one."""
+EVEN = 2.0  # counts: what stands differs by less, and tells nothing
 DARK = 8.0  # counts: a background below it tells nothing of the light
 
 
@@ -46,6 +47,22 @@ class Reading:
     @property
     def found(self) -> bool:
         return math.isfinite(self.angle)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeReading:
+    """What a picture says where the sprite may lie beside its pivot; all are NaN where that can't be told."""
+
+    angle: float
+    """[rad]"""
+    x: float
+    """Beside the pivot [pixels]."""
+    y: float
+    deviation: float
+    """Standard deviation of the angle [rad]."""
+    beside: float
+    """Standard deviation of the place [pixels]."""
+    row: float
 
 
 class AngleReader:
@@ -91,17 +108,35 @@ class AngleReader:
         align_from(picture, *self._planes, gains, self.points, angle, self._reach, self._out)
         return self._reading(gains)
 
+    def read_freely(self, picture: NDArray[np.uint8], angle: float, gains: Array) -> FreeReading:
+        """Angle and place together, from a near angle on, under gains (rows,) of the light: what a camera that shakes,
+        or a pivot that is off, does to the place does nothing to this angle.
+        """
+        out = np.full(7, np.nan)
+        align_freely(picture, *self._planes, gains, self.points, angle, self._reach, out)
+        turned, x, y, variance, along, down, row = out.tolist()
+        return FreeReading(
+            angle=turned, x=x, y=y, deviation=math.sqrt(variance), beside=math.sqrt(along + down), row=row
+        )
+
     def scenery(self, picture: NDArray[np.uint8]) -> Array:
         """What stands in a picture of the layers' size, at some pixels (pixels,); their mean is 1."""
         shown = picture.ravel()[self._scenery].astype(np.float64)
         return np.asarray(shown / max(float(shown.mean()), 1e-9))
 
     def standing(self, sceneries: Sequence[Array]) -> float:
-        """Correlation of what stands in pictures with the background; of their median, so that somebody who comes by
-        does not count.
+        """Correlation of what stands in pictures with the background, beside what their noise leaves of it; of their
+        median, so that somebody who comes by does not count. It is 1 where the background is so even that nothing is
+        told by it.
         """
-        shown = np.median(sceneries, axis=0)
-        return float(np.corrcoef(shown, self.layers.background.ravel()[self._scenery])[0, 1]) if np.ptp(shown) else 0.0
+        shown, standing = np.median(sceneries, axis=0), self.layers.background.ravel()[self._scenery]
+        if not np.ptp(shown):
+            return 0.0
+        noise, contrast = self.layers.geometry.noise, float(standing.std())
+        if contrast < EVEN + noise:
+            return 1.0
+        left = contrast / math.hypot(contrast, noise * math.sqrt(math.pi / 2.0 / len(sceneries)))
+        return min(float(np.corrcoef(shown, standing)[0, 1]) / left, 1.0)
 
     @property
     def gains(self) -> Array:

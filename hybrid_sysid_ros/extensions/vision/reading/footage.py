@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.extensions.vision.camera.film import format_of, pictures
+from hybrid_sysid_ros.extensions.vision.camera.film import format_of
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, Reading
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, FreeReading, Reading
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, steadied
 from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
 from hybrid_sysid_ros.extensions.vision.reading.learning import FEWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
+from hybrid_sysid_ros.extensions.vision.reading.steadiness import steady_angles
 from hybrid_sysid_ros.extensions.vision.scene import Lamp
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -53,6 +55,10 @@ class Footage:
     """Some of them, with their times and what was read."""
     stated_rate: float
     """What the film's head says [Hz]."""
+    motion: CameraMotion | None = None
+    """The camera's own, which was taken out; None where it was not measured."""
+    wander: float = 0.0
+    """How far the joint's pivot moves in the pictures, rms [pixels]."""
 
     @property
     def rate(self) -> float:
@@ -68,6 +74,10 @@ class Footage:
     def remarks(self) -> list[str]:
         """What a user should know of the film, in a line each."""
         found = []
+        if self.motion is not None and not self.motion.steady:
+            found.append(
+                f"the camera moves by {self.motion.shake:.2g} pixels, rms, by what stands in the pictures: taken out"
+            )
         if self.stated_rate and abs(self.rate / self.stated_rate - 1.0) > OTHER_RATE:
             found.append(f"its head says {self.stated_rate:.4g} pictures/s, their times {self.rate:.4g}: these count")
         if self.frozen.any():
@@ -77,45 +87,48 @@ class Footage:
         return found
 
 
-def picked(path: Path, count: int = LEARNED_FROM) -> Film:
-    """Pictures of a film to learn from (pictures, rows, columns): of each of as many parts the one with least motion,
-    so that none is smeared.
+def picked(path: Path, count: int = LEARNED_FROM, *, motion: CameraMotion | None = None) -> Film:
+    """Pictures of a film to learn from (pictures, rows, columns), the camera's motion taken out: of each of as many
+    parts the one with least motion, so that none is smeared.
 
     Raises UserError where the film can't be read, is too short, or changes its size.
     """
-    motion, before, shape = list[float](), None, None
-    for time, picture in pictures(path):
+    moved, before, shape = list[float](), None, None
+    for time, picture in steadied(path, motion):
         few = picture[::4, ::4].astype(np.int16)
         if shape not in (None, picture.shape):
             raise UserError(f"{path}: its pictures change their size at {time:.3g} s: cut it there")
         shape = picture.shape
-        motion.append(float(np.abs(few - before).mean()) if before is not None else np.inf)
+        moved.append(float(np.abs(few - before).mean()) if before is not None else np.inf)
         before = few
-    if len(motion) < FEWEST:
-        raise UserError(f"{path}: has {len(motion)} pictures: {FEWEST} at least are needed to learn from")
-    edges = np.linspace(0, len(motion), min(count, len(motion)) + 1).astype(int)
-    steady = np.maximum(motion, np.append(motion[1:], np.inf))
+    if len(moved) < FEWEST:
+        raise UserError(f"{path}: has {len(moved)} pictures: {FEWEST} at least are needed to learn from")
+    edges = np.linspace(0, len(moved), min(count, len(moved)) + 1).astype(int)
+    steady = np.maximum(moved, np.append(moved[1:], np.inf))
     chosen = {a + int(np.argmin(steady[a:b])) for a, b in itertools.pairwise(edges)}
-    return np.stack([picture for k, (_, picture) in enumerate(pictures(path)) if k in chosen])
+    return np.stack([picture for k, (_, picture) in enumerate(steadied(path, motion)) if k in chosen])
 
 
 def followed(
-    path: Path, reader: AngleReader, lamp: Lamp | None, *, progress: Callable[[int], object] = lambda count: None
-) -> Footage:
-    """What each picture of a film says by layers.
+    path: Path, reader: AngleReader, lamp: Lamp | None, *, motion: CameraMotion | None = None,
+    progress: Callable[[int], object] = lambda count: None,
+) -> Footage:  # fmt: skip
+    """What each picture of a film says by layers, the camera's motion taken out.
 
-    Raises UserError where the film can't be read, has another size, or shows something else than the layers.
+    Raises UserError where the film can't be read, has another size, shows something else than the layers, or shakes
+    in a way that can't be taken out.
     """
-    rows, times, lamps = list[Reading](), list[float](), list[float]()
+    rows, times, lamps, free = list[Reading](), list[float](), list[float](), list[FreeReading]()
     frozen, shown, sceneries = list[bool](), list[tuple[float, Picture, Reading]](), list[Array]()
     before, run, every = None, 0, 1
-    for time, picture in pictures(path):
+    for time, picture in steadied(path, motion):
         reading = reader.read(picture)
         run = run + 1 if before is not None and np.array_equal(picture, before) else 0
         before = picture
         frozen.append(reader.lit and run >= FROZEN - 1)
         times.append(time)
         rows.append(reading)
+        free.append(reader.read_freely(picture, reading.angle, reader.gains))
         lamps.append(brightness(picture, lamp) if lamp is not None and reader.lit else np.nan)
         if (len(rows) - 1) % APART == 0:
             sceneries.append(reader.scenery(picture))
@@ -130,6 +143,7 @@ def followed(
     lost = float(np.isnan(angles).mean())
     if np.median([item[1].mean() for item in shown]) < LIT * layers.background.mean():
         raise UserError(f"{path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
+    steady = steady_angles(rows, free, motion, layers)
     for first in range(0, max(len(sceneries) - LOOKS // 2, 1), LOOKS // 2):
         stands = reader.standing(sceneries[first : first + LOOKS])
         if stands < STANDS:
@@ -143,20 +157,22 @@ def followed(
             f"{path}: {lost:.0%} of its pictures are not what the layers of {layers.geometry.rig} explain: "
             "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
-    still = np.array(frozen)
+    still, angles = np.array(frozen), steady.angles
     angles[still] = np.nan
-    middle = np.array([layers.row_time(row.row) if row.found else 0.0 for row in rows])
+    middle = np.nan_to_num([layers.row_time(row) for row in steady.rows])
     good = [item for item in shown if item[2].found] or shown
     return Footage(
         times=np.array(times),
         seen=np.array(times) + middle,
         angles=_unwrapped(angles) if layers.full_turn else angles,
-        deviations=np.array([row.deviation for row in rows]),
+        deviations=steady.deviations,
         explained=np.array([row.explained for row in rows]),
         lamp=np.array(lamps),
         frozen=still,
         shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
         stated_rate=format_of(path).rate,
+        motion=motion,
+        wander=steady.wander,
     )
 
 

@@ -18,7 +18,6 @@ from hybrid_sysid_ros.extensions.vision.reading.regression import (
     polar_maps,
     regress_background,
     regress_texels,
-    rigid_moves,
     sharpen,
 )
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -27,7 +26,9 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
-ROUNDS = 4  # of background, sprite and angles in turn
+ROUNDS, MOST_ROUNDS = 4, 8
+"""Of background, sprite and angles in turn: more of them while the pivot still moves,"""
+PIVOTED = 0.5  # pixels, so far
 BROAD = 12
 """Waves around the pivot: what is as broad as half of one is no sprite that swings, but somebody who comes by."""
 PASSES = 6  # of sharpening in a round
@@ -37,7 +38,8 @@ FEWEST = 40
 NARROWEST = 240
 """Columns of a picture: at 160 the first angles have come out mirrored."""
 LEAST_MASS = 0.03  # of the ring with most, of one that the sprite reaches
-FARTHEST_PIVOT = 10.0  # pixels: how far the scene's pivot may be off, a standard deviation
+FARTHEST_PIVOT = 0.05  # widths: how far the scene's pivot may be off, a standard deviation
+FARTHEST_MOVE = 10.0  # pixels, of the sprite in one picture
 SEEN_MOVE = 0.1  # pixels: how well a picture says where the sprite lies
 SMALLEST_SWING = 3.0  # pixels of the sprite's end: what moves less is no motion to learn from
 ITS_REACH = (0.7, 1.4)
@@ -83,8 +85,9 @@ def learn(
         layers = _outlined(film, lights, angles, still, geometry, reach)
     gains = np.tile(lights[:, None], (1, rows))
     good = np.ones(len(film), dtype=bool)
-    for turn in range(ROUNDS):
-        progress(f"layers, {turn + 1} of {ROUNDS}")
+    far = math.inf
+    for turn in range(MOST_ROUNDS):
+        progress(f"layers, round {turn + 1}")
         layers = _regressed(film[good], gains[good], angles[good], layers)
         if not full:
             low, high = float(angles[good].min()), float(angles[good].max())
@@ -102,8 +105,9 @@ def learn(
                 f"{good.sum()} of {len(film)} pictures; is it a video of {rig.name}?"
             )
         gains[good] /= np.median(gains[good])
-        if turn < ROUNDS - 1:
-            layers = _pivoted(film[good], gains[good], angles[good], layers, reader)
+        if turn == MOST_ROUNDS - 1 or (turn >= ROUNDS - 1 and far < PIVOTED):
+            break
+        layers, angles[good], far = _pivoted(film[good], gains[good], angles[good], layers, reader)
     share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
     if not ITS_REACH[0] < share < ITS_REACH[1]:
         raise UserError(
@@ -223,24 +227,28 @@ def _regressed(film: Film, gains: Array, angles: Array, layers: PictureLayers) -
     return PictureLayers(geometry=layers.geometry, background=background, alpha=alpha, texture=texture)
 
 
-def _pivoted(film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader) -> PictureLayers:
-    """The pivot moved to where the sprite turns about: with a pivot p + e and texels u + d it lies e + R(angle) d
-    beside its place, and least squares over all pictures tells e, as far as the angles do.
+def _pivoted(
+    film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader
+) -> tuple[PictureLayers, Array, float]:
+    """The pivot moved to where the sprite turns about, the angles (pictures,) about that, and how far it was moved
+    [pixels]: with a pivot p + e and texels u + d the sprite lies e + R(angle) d beside its place, and least squares
+    over all pictures tells e, as far as the angles do.
     """
-    moves = rigid_moves(
-        film, gains, angles, layers.background, layers.alpha, layers.texture, layers.pivot, layers.first, reader.points
-    )
-    cos, sin = np.cos(angles), -np.sin(angles)
-    zero, one = np.zeros(len(angles)), np.ones(len(angles))
+    free = [reader.read_freely(*each) for each in zip(film, angles, gains, strict=True)]
+    known = np.array([math.isfinite(item.angle) for item in free])
+    angles = np.where(known, [item.angle for item in free], angles)
+    moves = np.clip(np.array([[item.x, item.y] for item in free])[known], -FARTHEST_MOVE, FARTHEST_MOVE)
+    cos, sin = np.cos(angles[known]), -np.sin(angles[known])
+    zero, one = np.zeros(len(cos)), np.ones(len(cos))
     along = np.column_stack([one, zero, cos, -sin])
     down = np.column_stack([zero, one, sin, cos])
     prior = np.zeros((2, 4))
-    prior[0, 0] = prior[1, 1] = SEEN_MOVE / FARTHEST_PIVOT
-    clipped = np.clip(moves, -3.0, 3.0)
-    solved = np.linalg.lstsq(np.vstack([along, down, prior]), np.concatenate([*clipped.T, [0.0, 0.0]]), rcond=None)[0]
+    prior[0, 0] = prior[1, 1] = SEEN_MOVE / (FARTHEST_PIVOT * film.shape[2])
+    solved = np.linalg.lstsq(np.vstack([along, down, prior]), np.concatenate([*moves.T, [0.0, 0.0]]), rcond=None)[0]
     places = (*layers.pivot, *layers.first)
     x, y, u, v = (place + float(move) for place, move in zip(places, solved, strict=True))
-    return replace(layers, geometry=replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v))
+    geometry = replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v)
+    return replace(layers, geometry=geometry), angles, float(np.hypot(*solved[:2]))
 
 
 def _zero(layers: PictureLayers, rig: Rig) -> float:

@@ -216,52 +216,6 @@ def regress_background(
 
 
 @kernel
-def rigid_moves(
-    film: Film, gains: Array, angles: Array, background: Plane, alpha: Plane, texture: Plane,
-    pivot: tuple[float, float], first: tuple[float, float], points: NDArray[np.float32],
-) -> Array:  # fmt: skip
-    """By how much the sprite lies beside its place in each picture (pictures, 2) [pixels]: one step of least squares
-    over angle and place together.
-    """
-    count, rows, columns = film.shape
-    found, normal, right_side, slopes = np.zeros((count, 2)), np.empty((3, 3)), np.empty(3), np.empty(3)
-    for n in range(count):
-        c, s = math.cos(angles[n]), -math.sin(angles[n])
-        normal[:], right_side[:] = 0.0, 0.0
-        for k in range(points.shape[0]):
-            x = math.floor(pivot[0] + points[k, 0] * c - points[k, 1] * s + 0.5)
-            y = math.floor(pivot[1] + points[k, 0] * s + points[k, 1] * c + 0.5)
-            if x < 0 or y < 0 or x >= columns or y >= rows:
-                continue
-            dx, dy = x - pivot[0], y - pivot[1]
-            u, v = dx * c + dy * s, -dx * s + dy * c
-            j, i = math.floor(u - first[0]), math.floor(v - first[1])
-            if j < 0 or i < 0 or j >= alpha.shape[1] - 1 or i >= alpha.shape[0] - 1:
-                continue
-            right, low, b = u - first[0] - j, v - first[1] - i, background[y, x]
-            m00, m01 = b * (1.0 - alpha[i, j]) + texture[i, j], b * (1.0 - alpha[i, j + 1]) + texture[i, j + 1]
-            m10 = b * (1.0 - alpha[i + 1, j]) + texture[i + 1, j]
-            m11 = b * (1.0 - alpha[i + 1, j + 1]) + texture[i + 1, j + 1]
-            shown = (1.0 - low) * ((1.0 - right) * m00 + right * m01) + low * ((1.0 - right) * m10 + right * m11)
-            by_u = (1.0 - low) * (m01 - m00) + low * (m11 - m10)
-            by_v = (1.0 - right) * (m10 - m00) + right * (m11 - m01)
-            difference = film[n, y, x] / gains[n, y] - shown
-            weight = 1.0 / (1.0 + (difference / 8.0) ** 2)
-            slopes[0] = by_v * u - by_u * v
-            slopes[1] = -(by_u * c - by_v * s)  # moved along x: u falls by c, v rises by s
-            slopes[2] = -(by_u * s + by_v * c)
-            for a in range(3):
-                right_side[a] += weight * slopes[a] * difference
-                for d in range(3):
-                    normal[a, d] += weight * slopes[a] * slopes[d]
-        for a in range(3):
-            normal[a, a] += 1e-6 * normal[a, a] + 1e-9
-        move = np.linalg.solve(normal, right_side)
-        found[n, 0], found[n, 1] = move[1], move[2]
-    return found
-
-
-@kernel
 def sharpen(
     film: Film, gains: Array, angles: Array, background: Plane, pivot: tuple[float, float], first: tuple[float, float],
     wanted: NDArray[np.bool_], noise: float, passes: int, alpha: Plane, texture: Plane,

@@ -1,0 +1,91 @@
+"""Steadiness: whether a joint's pivot stands in the pictures of a film, and what its angles are where it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import FreeReading, Reading
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+ENOUGH = 20  # pictures
+OUTLIER = 5.0  # deviations
+WANDERS = 0.12  # pixels of 640: a pivot that moves less, rms, stands
+LEAVES = 3.0  # pixels of 640: one that moves more, the camera's motion taken out, is no pivot
+LEVER = 0.3  # of the width: the distance over which what stands tells how the camera rolls
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SteadyAngles:
+    """Angles (pictures,) of a film, NaN where there is none."""
+
+    angles: Array
+    """[rad]"""
+    deviations: Array
+    """Standard deviations [rad]."""
+    rows: Array
+    """Whose time they are of."""
+    wander: float
+    """How far the pivot moves in the pictures, rms, without what the measurement does [pixels]."""
+    free: bool
+    """Whether they are those of pictures in which the sprite may lie anywhere, as the camera moves."""
+
+
+def steady_angles(
+    rows: Sequence[Reading], free: Sequence[FreeReading], motion: CameraMotion | None, layers: PictureLayers
+) -> SteadyAngles:
+    """The angles of pictures out of which a camera's motion was taken.
+
+    Where the pivot stands they are those about it. Where it moves with the camera they are those that no place of the
+    sprite changes, and what stands must have told how the camera rolls. The deviation has what the two kinds of angles
+    differ by beyond their own deviations, and what the camera's motion is uncertain by.
+
+    Raises UserError where the pivot moves and nothing tells how the camera does.
+    """
+    about = np.array([[row.angle, row.deviation, row.row] for row in rows])
+    freely = np.array([[row.angle, row.deviation, row.row, row.x, row.y, row.beside] for row in free])
+    known = np.isfinite(about[:, 0]) & np.isfinite(freely).all(axis=1)
+    pixel = layers.background.shape[1] / 640.0
+    wander = _wander(freely[known], pixel) if known.sum() >= ENOUGH else 0.0
+    if wander > WANDERS * pixel and motion is None:
+        raise UserError(
+            f"the camera shakes: the joint's pivot moves by {wander:.2g} pixels in the pictures, rms, and too little "
+            "stands still in them to tell how: put the camera on a tripod, or film before a wall with a pattern"
+        )
+    if wander > LEAVES * pixel:
+        raise UserError(
+            f"the camera moves otherwise than what stands in its pictures tells: the joint's pivot moves by "
+            f"{wander:.2g} pixels beside that, rms: put the camera on a tripod"
+        )
+    moves = wander > WANDERS * pixel or (motion is not None and not motion.steady)
+    chosen = freely if moves else about
+    apart = (freely[known, 0] - about[known, 0]) ** 2 - freely[known, 1] ** 2
+    common = 0.0 if moves or not known.any() else max(float(np.median(apart)) / 0.455, 0.0)  # of a chi-square
+    if motion is not None:
+        uncertain = motion.deviation if moves else min(motion.shake, motion.deviation)
+        common += (uncertain / (LEVER * motion.width)) ** 2
+    return SteadyAngles(
+        angles=np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan),
+        deviations=np.sqrt(chosen[:, 1] ** 2 + common),
+        rows=chosen[:, 2],
+        wander=wander,
+        free=moves,
+    )
+
+
+def _wander(free: Array, pixel: float) -> float:
+    """How far the place moves, rms, without outliers, a pivot that is off, and what its own deviation is."""
+    angles, moves = free[:, 0], free[:, 3:5]
+    regressors = np.column_stack([np.ones(len(angles)), np.cos(angles), np.sin(angles)])
+    used = np.ones(len(angles), dtype=bool)
+    for _ in range(3):
+        fitted = np.linalg.lstsq(regressors[used], moves[used], rcond=None)[0]
+        left = np.hypot(*(moves - regressors @ fitted).T)
+        used = left <= OUTLIER * max(float(np.median(left)), 0.01 * pixel)
+    excess = np.mean(left[used] ** 2) - np.mean(free[used, 5] ** 2)
+    return float(np.sqrt(max(excess, 0.0)))
