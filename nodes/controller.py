@@ -238,7 +238,8 @@ class ControllerNode(RigNode):
             return None
         self.become(state)
         self.layers[layer] += 1
-        command = self.adapter.guard.slowed(plan.input, self.adapter.at_rest()) if level else plan.input
+        guard = self.adapter.guard
+        command = guard.slowed(plan.input, self.adapter.at_rest()) if guard.slows else plan.input
         taken = perf_counter() - began
         self.send(command)
         self.execution.add(taken)

@@ -73,7 +73,7 @@ def test_an_emergency_stop_stays_until_it_is_reset_and_armed(wheel: Wheel) -> No
     assert wheel.command(0.0) == 0.0, "reset alone does not arm"
     services["arm"]()
     back = [wheel.command(0.0) for _ in range(60)]
-    assert 0.0 < back[0] < 3.0
+    assert 0.0 < back[0] < 3.5
     assert back[-1] == pytest.approx(4.0)
 
 
@@ -183,5 +183,5 @@ def test_a_reference_that_comes_again_begins_where_the_last_one_ended(
     wheel.refer([VOLT] * 30)
     bench.until(lambda: wheel.controller.preview is not None and wheel.controller.preview.values[0, 0] > 0.0)
     back = [wheel.command(0.0) for _ in range(60)]
-    assert at_zero < back[0] < 3.0
+    assert at_zero < back[0] < 3.5
     assert back[-1] == pytest.approx(4.0)

@@ -7,7 +7,7 @@ import pytest
 
 from hybrid_sysid_ros.control.safety.failsafe import AGAIN, ROOM, Failsafe, Ladder, LoopState
 from hybrid_sysid_ros.control.safety.governor import ReferenceGovernor
-from hybrid_sysid_ros.control.safety.guard import ACTUATOR, ESTIMATE, RANGE, Guard, GuardSettings
+from hybrid_sysid_ros.control.safety.guard import ACTUATOR, ESTIMATE, RANGE, RETURN, Guard, GuardSettings
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST
 
 LADDER = Ladder(slowed=0.1, holding=0.2, resting=0.3)
@@ -140,9 +140,25 @@ def test_no_evidence_is_worth_more_than_the_clearest():
 
 def test_slowed_inputs_stay_near_rest_and_within_their_bounds():
     found = guard()
+    judge(found, 40, doubt=2.0)
     assert found.slowed(np.array([9.0]), np.zeros(1)) == pytest.approx([5.0])
     assert found.slowed(np.array([9.0]), np.array([8.0])) == pytest.approx([9.0])
     assert found.slowed(np.array([12.0]), np.array([8.0])) == pytest.approx([10.0])
+
+
+def test_inputs_get_their_range_back_within_a_stated_time():
+    """A flipped sensor looks right at rest: it must show itself before the rig has been driven far."""
+    found = guard()
+    assert not found.slows
+    judge(found, 40, doubt=2.0)
+    while judge(found, 1)[0] > LoopState.DRIVING:
+        assert found.slowed(np.array([10.0]), np.zeros(1)) == pytest.approx([5.0])
+    room = []
+    while found.slows:
+        room.append(float(found.slowed(np.array([10.0]), np.zeros(1))[0]))
+        judge(found, 1)
+    assert np.diff(room) == pytest.approx(5.0 * STEP / RETURN)
+    assert len(room) * STEP == pytest.approx(RETURN, abs=2 * STEP)
 
 
 def test_a_command_is_no_faster_than_its_actuator():

@@ -28,6 +28,9 @@ SMALL = 0.1
 """Share of the tolerance below which commands are too small to tell what an actuator makes of them."""
 AVERAGE = 0.1
 """Time constant [s] of the mean squares of commands and of what they are missed by."""
+RETURN = 0.3
+"""Time [s] in which inputs get their whole range back: a sensor with the wrong sign looks right while a rig rests, and
+must show itself again before much has moved."""
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
 
 
@@ -91,14 +94,14 @@ class Guard:
         self.failsafe.reset()
         self.governor.release()
         self._recent[:] = self._middle
-        self._row = 0
+        self._row, self._share = 0, 1.0
         self._missed, self._asked = np.zeros(len(self._span)), np.zeros(len(self._span))
 
     def go_on(self, other: Guard) -> None:
         """Go on where another guard of the loop is, which this one replaces."""
         self.failsafe.go_on(other.failsafe)
         self.governor, self._recent, self._row = other.governor, other._recent, other._row
-        self._missed, self._asked = other._missed, other._asked
+        self._missed, self._asked, self._share = other._missed, other._asked, other._share
 
     def judge(self, doubt: float, without: float, applied: Array, state: Array, elapsed: float) -> LoopState:
         """The level from an estimate. doubt, without: of the estimator, NaN where it says nothing. applied (m,): inputs
@@ -112,7 +115,10 @@ class Guard:
         level = self.failsafe.judge(evidence, min(elapsed, LONGEST))
         if without > 0.0 and level < LoopState.SLOWED:
             level = LoopState.SLOWED
-        return level if settings.act else LoopState.DRIVING
+        level = level if settings.act else LoopState.DRIVING
+        slow = settings.slow_share
+        self._share = slow if level else min(self._share + (1.0 - slow) * elapsed / RETURN, 1.0)
+        return level
 
     def within_reach(self, outputs: Array) -> Array:
         """Where a reference begins when the loop comes back: the outputs (p,), or the nearest set-points. A rig that is
@@ -163,9 +169,14 @@ class Guard:
         share = 0.0 if level >= LoopState.HOLDING else self.settings.slow_share if slow else 1.0
         return self.governor.follow(now, preview, times, share * rate, elapsed, keep=slow)
 
+    @property
+    def slows(self) -> bool:
+        """Whether inputs must stay near rest, now or still."""
+        return self._share < 1.0
+
     def slowed(self, inputs: Array, rest: Array) -> Array:
-        """A command (m,) that stays near the inputs at rest (m,)."""
-        room = 0.5 * self.settings.slow_share * self._span
+        """A command (m,) that stays as near to the inputs at rest (m,) as it must."""
+        room = 0.5 * self._share * self._span
         return np.clip(np.clip(inputs, rest - room, rest + room), self.settings.low, self.settings.high)
 
     def followed(self, inputs: Array, before: Array, elapsed: float) -> Array:

@@ -52,7 +52,7 @@ class GuardedController:
             preview = guard.reference(level, now, preview, self.times, elapsed)
             plan = self.controller.control(state, estimate.disturbance, self.input, preview)
             self.controller.prepare(elapsed)
-            command = plan.input if level is LoopState.DRIVING else guard.slowed(plan.input, rest)
+            command = guard.slowed(plan.input, rest) if guard.slows else plan.input
         self.input = guard.followed(command, self.input, elapsed)
         guard.commanded(self.input)
         return self.input
