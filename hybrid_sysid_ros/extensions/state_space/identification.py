@@ -69,7 +69,7 @@ def identify_state_space(
     tell = progress or (lambda stage, count, error: None)
     with alone():
         stretches, scales = _scaled(records)
-        selection = _selected(stretches, settings, tell)
+        selection = _selected(stretches, settings, records[0].sampling.initial_samples, tell)
         start = _start(stretches, selection)
         linear = Sizes(states=selection.order, inputs=len(inputs), outputs=len(outputs))
         best = _refined(weights_of(start, linear), linear, stretches, selection, settings, "linear", tell)
@@ -117,7 +117,7 @@ def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[Stretch], tuple[flo
     return found, tuple(np.concatenate([*means, *sizes]).tolist())
 
 
-def _selected(stretches: Sequence[Stretch], settings: StateSpaceSettings, tell: Progress) -> Selection:
+def _selected(stretches: Sequence[Stretch], settings: StateSpaceSettings, known: int, tell: Progress) -> Selection:
     if settings.order and settings.through is not None:
         _check_length(stretches, settings.order)
         return Selection(order=settings.order, through=settings.through, trials=())
@@ -128,6 +128,7 @@ def _selected(stretches: Sequence[Stretch], settings: StateSpaceSettings, tell: 
         stretches,
         orders=orders,
         through=settings.through,
+        known=known,
         progress=lambda order, error: tell(f"order {order}, held-out blocks", order, error),
     )
 

@@ -91,12 +91,13 @@ def select_order(
     *,
     orders: Sequence[int],
     through: bool | None,
+    known: int = 40,
     progress: Callable[[int, float], None] | None = None,
 ) -> Selection:
     """The order, and whether the input acts at once, by the error in held-out blocks of the records.
 
-    Each block is scored by the model of all others, from the first state that fits it best. through: whether the input
-    acts at once; None: the blocks decide. Raises UserError where no simulation stays finite.
+    Each block is scored by the model of all others, from the start that its first ``known`` samples tell. through:
+    whether the input acts at once; None: the blocks decide. Raises UserError where no simulation stays finite.
     """
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
     rows = rows_for(max(orders), p)
@@ -113,7 +114,7 @@ def select_order(
         for held, directions in enumerate(directs):
             others = [block for k, block in enumerate(blocks) if k != held]
             model = completed(*poles_and_readout(directions, order, p), others, direct)
-            wrong = residuals(model, *blocks[held])
+            wrong = residuals(model, *blocks[held], known=known)
             found.append(float(np.mean(wrong**2)))
         return np.array(found)
 

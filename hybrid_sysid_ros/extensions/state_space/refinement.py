@@ -94,7 +94,7 @@ def refine(
     roles = _roles(free, sizes)
     starts = np.zeros((len(stretches), sizes.states)) if firsts is None else firsts.copy()
     total = sum(outputs.size for _, outputs in stretches)
-    held = ridge * total * np.isin(free, np.arange(sizes.units_at, sizes.readout_at))
+    held = ridge * total * ((free >= sizes.units_at) & (free < sizes.readout_at)).astype(np.float64)
     weights, damping, failed, slow, evaluations = _rescaled(weights, sizes, starts, stretches), 1e-3, 0, 0, 1
     cost, system = _normal(weights, sizes, stretches, starts, free, roles)
     if not np.isfinite(cost):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq, qr, svd
 from scipy.signal import lfilter
 
+from hybrid_sysid_ros.identification.starts import EXPECTED, WIDE
 from hybrid_sysid_ros.support.arrays import Array
 
 Stretch = tuple[Array, Array]
@@ -137,7 +138,7 @@ def regressors(a: Array, c: Array, inputs: Array, k: int, through: bool) -> Arra
         found[:, n * m : n * m + m] = inputs
     found[:, -n - 1] = 1.0
     with np.errstate(under="ignore"):
-        powers = np.exp(np.arange(samples)[:, None] * np.log(np.where(poles == 0.0, 1e-300, poles)))
+        powers = np.exp(np.arange(samples)[:, None] * np.log(np.where(poles == 0.0, 1e-300, poles + 0j)))
     found[:, -n:] = np.real(powers @ (shown[:, None] * back))
     return found
 
@@ -169,15 +170,30 @@ def completed(a: Array, c: Array, stretches: Sequence[Stretch], through: bool) -
     return Matrices(a=a, b=found[: n * m].reshape(n, m), c=c, d=d, level=found[-p:])
 
 
-def residuals(model: Matrices, inputs: Array, outputs: Array) -> Array:
-    """Errors (samples, outputs) of the simulation over a stretch, from the first state that fits it best."""
-    n, p = len(model.a), len(model.c)
+def residuals(model: Matrices, inputs: Array, outputs: Array, *, known: int | None = None) -> Array:
+    """Errors (samples, outputs) of the simulation over a stretch, from the first state that fits it best, or its first
+    ``known`` samples: then with the prior deviation of states in the simulation, as records are scored.
+    """
+    n, p, m = len(model.a), len(model.c), inputs.shape[1]
     by_inputs = model.b.ravel()
-    errors, starts = np.empty(outputs.shape), np.empty((len(inputs) * p, n))
+    errors, starts = np.empty(outputs.shape), np.empty((*outputs.shape, n))
     for k in range(p):
         columns = regressors(model.a, model.c, inputs, k, False)
-        simulated = columns[:, : n * inputs.shape[1]] @ by_inputs + inputs @ model.d[k] + model.level[k]
+        simulated = columns[:, : n * m] @ by_inputs + inputs @ model.d[k] + model.level[k]
         errors[:, k] = outputs[:, k] - simulated
-        starts[k::p] = columns[:, -n:]
-    first = lstsq(starts, errors.ravel(), cond=1e-10)[0]
-    return errors - (starts @ first).reshape(errors.shape)
+        starts[:, k] = columns[:, -n:]
+    if known is None:
+        first = lstsq(starts.reshape(-1, n), errors.ravel(), cond=1e-10)[0]
+    else:
+        prior = EXPECTED / WIDE / np.maximum(sizes_of_states(model, inputs), 1e-12)
+        seen = np.concatenate([starts[:known].reshape(-1, n), np.diag(prior)])
+        first = lstsq(seen, np.concatenate([errors[:known].ravel(), np.zeros(n)]))[0]
+    return np.asarray(errors - starts @ first)
+
+
+def sizes_of_states(model: Matrices, inputs: Array) -> Array:
+    """Root mean squares (order,) of the states in a simulation from zero."""
+    poles, vectors = np.linalg.eig(model.a)
+    driven = inputs @ np.linalg.solve(vectors, model.b.astype(complex)).T
+    modes = [lfilter([0.0, 1.0], [1.0, -pole], drive) for pole, drive in zip(poles, driven.T, strict=True)]
+    return np.asarray(np.sqrt(np.mean(np.real(vectors @ np.array(modes)) ** 2, axis=1)))
