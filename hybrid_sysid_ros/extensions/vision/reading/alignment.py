@@ -88,7 +88,7 @@ def aligned(
     [counts], mean row, and the share of the points that the layers explain.
 
     The variance is that of correlated differences, as codecs make them: points of one block of texels count as one
-    (White 1980, clustered).
+    (White 1980, clustered), and those of two or four blocks where that is more.
     """
     count = points.shape[0]
     width = 16.0 * max(1.0, reach / 320.0)
@@ -128,11 +128,29 @@ def aligned(
         deviation = max(_median(histogram, used) / 0.6745, 0.7)
         move = gradient / curvature
         out[0], out[2], out[3], out[4] = angle, total / used, rows / curvature, weights / used
-        out[1] = np.sum(scores**2) / curvature**2
+        out[1] = _clustered(scores) / curvature**2
         if step > 1 and abs(move) * reach < SETTLED:
             break
         most = FARTHEST / reach
         angle += min(max(move, -most), most)
+
+
+@inner
+def _clustered(scores: Array) -> float:
+    """Variance of the sum of scores (blocks,): the largest of those by which one, two or four blocks go together."""
+    most = 0.0
+    for merged in (1, 2, 4):
+        total, groups = 0.0, 0
+        for first in range(0, scores.shape[0], merged):
+            score = 0.0
+            for k in range(first, min(first + merged, scores.shape[0])):
+                score += scores[k]
+            if score != 0.0:
+                total += score**2
+                groups += 1
+        if groups > 1:
+            most = max(most, total * groups / (groups - 1))
+    return most
 
 
 @inner
@@ -249,7 +267,7 @@ def align_freely(
         spread = scores @ inverse
         out[0], out[1], out[2], out[6] = angle, beside[0], beside[1], rows / normal[0, 0]
         for i in range(3):
-            out[3 + i] = np.sum(spread[:, i] ** 2)
+            out[3 + i] = _clustered(spread[:, i])
         deviation = max(_median(histogram, used) / 0.6745, 0.7)
         if step > 1 and abs(move[0]) * reach + abs(move[1]) + abs(move[2]) < SETTLED:
             return

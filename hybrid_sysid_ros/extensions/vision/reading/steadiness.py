@@ -69,9 +69,11 @@ def steady_angles(
     if motion is not None:
         uncertain = motion.deviation if moves else min(motion.shake, motion.deviation)
         common += (uncertain / (LEVER * motion.width)) ** 2
+    angles = np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan)
+    deviations = np.sqrt(chosen[:, 1] ** 2 + common)
     return SteadyAngles(
-        angles=np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan),
-        deviations=np.sqrt(chosen[:, 1] ** 2 + common),
+        angles=angles,
+        deviations=deviations,
         rows=chosen[:, 2],
         wander=wander,
         free=moves,
