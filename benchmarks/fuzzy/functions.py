@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.random import default_rng as rng
 from rich.table import Table
 
+import hybrid_sysid_ros
 from benchmarks import result
 from benchmarks.fuzzy.data import LEVEL, SEEDS, mackey_glass, named, of_inputs, predicted, sines
 from hybrid_sysid_ros.core import Parameter
 from hybrid_sysid_ros.core.mathematics import Scalar, tanh
+from hybrid_sysid_ros.extensions.friction_atlas.line_plots import Plot, draw
+from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
 from hybrid_sysid_ros.extensions.fuzzy.link_selection import select_links
 from hybrid_sysid_ros.extensions.fuzzy.rule_selection import select_rules
 from hybrid_sysid_ros.extensions.fuzzy.tuning import tuned
@@ -28,6 +32,9 @@ Chosen = Callable[[PreparedRecord, int], Lagged]
 AHEAD, LAGS, FIRST, COUNT = 6, (18, 12, 6, 0), 118, 1000
 """x(t + 6) of x(t - 18), x(t - 12), x(t - 6), x(t), for t = 118 ... 1117; the first half teaches."""
 POINTS = 201
+SHOWN = 5
+"""One of so many points is drawn."""
+PICTURE = Path(hybrid_sysid_ros.__file__).parent / "extensions/fuzzy/docs/results/sines.svg"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,4 +170,23 @@ def sum_of_sines(_: Rig) -> tuple[dict[str, Any], list[Table]]:
         "perceptron, 20 units": network(20),
     }
     taught, unseen = ((u[:, None], sines(u)) for u in (points, dense))
+    _draw(taught, unseen)
     return compared("sum of three sines, dense grid, 3 seeds", models, taught, unseen)
+
+
+def _draw(taught: tuple[Array, Array], unseen: tuple[Array, Array]) -> None:
+    """The sum of sines, the network before it is tuned, the terms that its tuning finds, and what is then left."""
+    record, (points, values) = of_inputs(*taught, name="function"), (unseen[0][::SHOWN], unseen[1][::SHOWN])
+    started, u = difnn(15)(record, SEEDS[0]), points[:, 0]
+    network = tuned(started, [record]).system
+    assert isinstance(network, Difnn)
+    centres, logarithms, *_ = np.reshape(network.term_weights, (4, network.clusters))
+    away = (u[:, None] / network.scales[0] - centres) / np.exp(logarithms)
+    terms = [(u, term) for term in np.exp(-(away**2)).T]
+    first, last = (predicted(item, points) for item in (started, network))
+    plots = [
+        Plot(title="not tuned, and the function", across="u", up="y", lines=[(u, first), (u, values)]),
+        Plot(title="terms of the input, tuned", across="u", up="membership", lines=terms),
+        Plot(title="error, tuned in 100 steps", across="u", up="millionths", lines=[(u, 1e6 * (last - values))]),
+    ]
+    draw(PICTURE, plots, title="A DIFNN of 15 rules learns a sum of three sines")

@@ -30,21 +30,25 @@ def select_links(
     least: int = 1,
     seed: int = 0,
 ) -> Difnn:
-    """Terms where the values of each regressor and output cluster, half their height at the next one; as rules those
-    sets of terms that are the nearest ones of some sample; and links from a rule to those terms of an output that were
-    the nearest ones of ``least`` samples or more then. A rule without links to each output is left out.
-    Then the outputs' centres move to where they explain one step best, all terms of an output equally wide.
+    """Terms of each regressor evenly over its range, and of each output where its values cluster, half their height at
+    the next one; as rules those sets of terms that are the nearest ones of some sample; and from each rule a link to
+    that term of each output that was the nearest one most often then. Rules with fewer than ``least`` such samples are
+    left out. Then the outputs' centres move to where they explain one step best, all terms of an output equally wide.
 
-    Lin and Lee (1991), Neural-network-based fuzzy logic control and decision system, IEEE Trans. Computers 40(12),
-    with links by counts. Centres and widths are then to be tuned by :func:`~..fuzzy.tuned`.
+    Lin and Lee (1991), Neural-network-based fuzzy logic control and decision system, IEEE Trans. Computers 40(12), has
+    one consequence a rule, too. Centres and widths are then to be tuned by :func:`~..fuzzy.tuned`.
 
     Raises UserError for lags that don't fit the records, more terms than different values, and rules without data.
     """
     regression = Regression.of(experiments, output_lags=output_lags, input_lags=input_lags, kind=Difnn.KIND)
     values = np.column_stack([regression.lagged, regression.targets])
-    centres = np.column_stack([k_means(column, terms, seed=seed) for column in values.T])
-    nearest = np.argmin(np.abs(values[:, None, :] - centres), axis=1)
+    fewest = min(len(np.unique(column)) for column in values.T)
+    if terms > fewest:
+        raise UserError(f"difnn: {terms} terms of a variable of {fewest} different values; take {fewest} or fewer")
     split, targets = regression.lagged.shape[1], regression.targets.shape[1]
+    even = np.linspace(values[:, :split].min(axis=0), values[:, :split].max(axis=0), terms)
+    centres = np.column_stack([even, *(k_means(column, terms, seed=seed) for column in values[:, split:].T)])
+    nearest = np.argmin(np.abs(values[:, None, :] - centres), axis=1)
     rules, of = np.unique(nearest[:, :split], axis=0, return_inverse=True)
     counts = np.zeros((targets, len(rules), terms), dtype=np.int64)
     for k, column in enumerate(nearest[:, split:].T):
@@ -54,8 +58,9 @@ def select_links(
         raise UserError(
             f"difnn: no rule has {least} samples, the largest one {counts.max()}: take fewer terms, or a smaller count"
         )
-    links = [np.argwhere(of_output[kept] >= least).tolist() for of_output in counts]
+    links = [tuple(enumerate(of_output[kept].argmax(axis=1).tolist())) for of_output in counts]
     rules, widths = rules[kept], _widths(centres)
+    widths[:, split:] = 1.0
     for k, of_output in enumerate(links):
         shares = _shares(regression.lagged, centres[:, :split], widths[:, :split], rules, of_output)
         left = regression.targets[:, [k]] - shares @ centres[:, [split + k]]
@@ -63,13 +68,13 @@ def select_links(
     return Difnn(
         **regression.shape(outputs, inputs),
         antecedents=tuple(map(tuple, rules.tolist())),
-        links=tuple(tuple(map(tuple, of_output)) for of_output in links),
+        links=tuple(links),
         clusters=terms,
         term_weights=tuple(packed(centres.T, widths.T).tolist()),
     )
 
 
-def _shares(lagged: Array, centres: Array, widths: Array, rules: Array, links: list[list[int]]) -> Array:
+def _shares(lagged: Array, centres: Array, widths: Array, rules: Array, links: Sequence[tuple[int, int]]) -> Array:
     """Part of each term of an output whose terms are all as wide, (rows, terms)."""
     columns = np.arange(lagged.shape[1])
     apart = (lagged[:, None, :] - centres[rules, columns]) / widths[rules, columns]

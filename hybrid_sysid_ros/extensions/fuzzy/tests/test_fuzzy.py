@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from benchmarks.fuzzy.data import DRIVE, LEVEL, RIG, free_run_error, mackey_glass, training
+from benchmarks.fuzzy.data import DRIVE, LEVEL, RIG, free_run_error, mackey_glass, sines, training
 from hybrid_sysid_ros.core import Variable, simulate
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.estimation.tuning import Tuning
@@ -213,6 +213,25 @@ def test_rules_of_several_inputs_are_those_that_data_show(record):
     assert 0 < len(some.antecedents) < len(system.antecedents) <= 25
 
 
+def test_rules_share_terms_of_the_output():
+    """An even function has the same value at two places: less terms than rules, each rule leads to one."""
+    points = np.linspace(-1.0, 1.0, 101)[:, None]
+    item = replace(short(101), inputs=points, outputs=np.concatenate([[[1.0]], np.cos(np.pi * points)]))
+    links = select_links([item], terms=9, outputs=[LEVEL], inputs=[DRIVE], output_lags=0, input_lags=1).links[0]
+    assert [rule for rule, _ in links] == [*range(9)]
+    assert [term for _, term in links] == [term for _, term in reversed(links)]
+
+
+def test_a_function_of_one_input_is_tuned_to_a_hundred_thousandth():
+    """In the hundred steps of a stage, by 15 rules."""
+    points = np.linspace(-1.0, 1.0, 201)[:, None]
+    values = sines(points)
+    item = replace(short(201), inputs=points, outputs=np.concatenate([values[:1], values]))
+    system = select_links([item], terms=15, outputs=[LEVEL], inputs=[DRIVE], output_lags=0, input_lags=1)
+    found = simulate(tuned(system, [item]).system, np.zeros(1), points, step=item.sampling.step)[1:]
+    assert np.sqrt(np.mean((found - values) ** 2)) < 1e-5
+
+
 def test_a_tuned_network_learns_the_plant(plant, record):
     """From a tenth of the deviation to a hundredth."""
     initial = _linked(record)
@@ -244,6 +263,9 @@ def test_singular_clusters_are_refused_with_the_cure():
 
 
 def test_terms_without_data_are_refused():
+    still = replace(short(100), inputs=np.zeros((100, 1)))
+    with pytest.raises(UserError, match="4 terms of a variable of 1 different values; take 1"):
+        select_links([still], terms=4, **SIGNALS)
     with pytest.raises(UserError, match="no rule has 500 samples"):
         select_links([short(100)], terms=4, least=500, **SIGNALS)
 
