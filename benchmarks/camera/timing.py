@@ -10,8 +10,8 @@ import numpy as np
 from rich.table import Table
 
 from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
+from hybrid_sysid_ros.extensions.vision.reading.joint_reference import joint_reference
 from hybrid_sysid_ros.extensions.vision.reading.synchronisation import synchronise
-from hybrid_sysid_ros.extensions.vision.reading.video_record import encoder_of
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.rig import Rig
 
@@ -31,7 +31,8 @@ def measured(rig: Rig) -> dict[str, Any]:
             kind = ("multisine", "random_steps", "swept_sine")[number % 3]
             bag = Path(folder) / "bag"
             motion = experiment(rig, kind, bag, seed=number, duration=SECONDS, rate=200.0)
-            _, times, encoder = encoder_of(rig, scene_of(rig).joint, bag)
+            known = joint_reference(rig, scene_of(rig).joint, bag)
+            times, encoder = known.times, known.values
         shift, rate = random.uniform(-LARGEST_SHIFT, LARGEST_SHIFT), random.uniform(-LARGEST_RATE, LARGEST_RATE)
         begin = max(0.0, random.uniform(0.0, 2.0))
         true = begin + np.arange(int((SECONDS - begin - 0.1) * PICTURES)) / PICTURES

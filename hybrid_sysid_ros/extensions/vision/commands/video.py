@@ -19,6 +19,7 @@ from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import motion_of_camera
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
+from hybrid_sysid_ros.extensions.vision.reading.joint_reference import joint_reference
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
@@ -50,7 +51,10 @@ def command(
     ] = 0.016,
     rate: Annotated[
         float,
-        typer.Option(help="Positions per second in the bag, interpolated by a spline; 0: one for each frame.", min=0),
+        typer.Option(
+            help="Positions per second in the bag, by a spline; 0: as often as the other bag's own samples.",
+            min=0,
+        ),
     ] = 0.0,
     model: Annotated[
         Path | None,
@@ -74,7 +78,7 @@ def command(
     scene = scene_of(described)
     check_folder(out, marker=bags.markers(out), replace=overwrite)
     if bag is not None:
-        video_record.encoder_of(described, scene.joint, bag)  # before the film is read, which may take a minute
+        joint_reference(described, scene.joint, bag)  # before the film is read, which may take a minute
     if page is not None:
         report.check_available()
         check_file(page, suffix=".html")
@@ -102,7 +106,7 @@ def command(
             spinner.update("predicting")
             ahead = image_prediction.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
     command_line = typed()
-    written = video_record.at_rate(record, rate) if rate else record
+    written = video_record.at_rate(record, rate or video_record.usual_rate(record))
     video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=command_line)
     for remark in [*footage.remarks(), *video_record.contradictions(record)]:
         console.print(f"note: {remark}")
@@ -110,6 +114,10 @@ def command(
     if ahead:
         print_table(ahead_table(ahead))
     console.print(f"{out}: {len(written.stamps)} positions of {scene.joint}")
+    if bag is not None:
+        signals = out.with_name(f"{out.name}.signals.yaml")
+        video_record.write_signals(signals, described, scene.joint)
+        console.print(f"{signals}: for hybrid-sysid identify {out} --signals {signals}")
     if page is not None:
         sources = {"film": video} | ({"bag": bag} if bag is not None else {})
         hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}

@@ -6,15 +6,24 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.bag import opened
-from hybrid_sysid_ros.bags.columns import MissingInMessageError, TopicColumns
+from hybrid_sysid_ros.bags.columns import MissingInMessageError
+from hybrid_sysid_ros.bags.signals import Signal
 from hybrid_sysid_ros.extensions.vision.reading.footage import Footage
+from hybrid_sysid_ros.extensions.vision.reading.joint_reference import (
+    JointReference,
+    MotionSource,
+    column,
+    joint_reference,
+)
 from hybrid_sysid_ros.extensions.vision.reading.lamp import Onset, onset
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.synchronisation import Synchronisation, synchronise
@@ -24,6 +33,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import CAMERA
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import written_file
 
 START = 1_000_000_000  # ns: the first stamp of a bag without another one to go by
 MOST_FILLED = 3  # pictures in a row without an angle that are filled in between their neighbours
@@ -40,8 +50,8 @@ class VideoRecord:
     """When the lamp went on, in the film's time; None where it was not seen."""
     synchronisation: Synchronisation | None
     """None without a bag."""
-    encoder: tuple[Array, Array] | None
-    """Times [s] and positions [rad] of the bag's own sensor, where it has one."""
+    reference: JointReference | None
+    """The joint's motion as the bag has it."""
     stamps: NDArray[np.int64]
     """Of the positions (frames,) [ns]."""
     positions: Array
@@ -49,11 +59,18 @@ class VideoRecord:
     filled: NDArray[np.bool_]
     """Which those are."""
 
+    @property
+    def speeds(self) -> Array:
+        """Of the joint at the stamps [rad/s], by a cubic spline."""
+        seconds = (self.stamps - self.stamps[0]) * 1e-9
+        return np.asarray(CubicSpline(seconds, self.positions)(seconds, 1))
+
 
 def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, *, exposure: float) -> VideoRecord:
-    """The positions that a film shows; with a bag in its time, and by its sensor's zero and scale.
+    """The positions that a film shows; with a bag in its time, and by the zero and scale of its sensor of the position,
+    or the scale of one of the speed. Where it has neither, the rig's inputs tell the time alone.
 
-    Raises UserError where the bag has no position of the joint, or film and bag do not go together.
+    Raises UserError where the bag has nothing of these, or film and bag do not go together.
     """
     lamp: Onset | None = None
     lit = np.isfinite(footage.lamp)
@@ -69,52 +86,41 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
         positions = geometry.scale * (angles - geometry.zero)
         stamps = START + np.round(1e9 * (footage.seen - footage.times[0])).astype(np.int64)
         return VideoRecord(
-            footage=footage, onset=lamp, synchronisation=None, encoder=None, stamps=stamps, positions=positions,
+            footage=footage, onset=lamp, synchronisation=None, reference=None, stamps=stamps, positions=positions,
             filled=filled,
         )  # fmt: skip
-    origin, times, encoder = encoder_of(rig, geometry.joint, bag)
-    found = synchronise(footage.seen, footage.angles, times, encoder)
+    reference = joint_reference(rig, geometry.joint, bag)
+    seen = footage.angles if reference.kind is MotionSource.POSITION else _speeds(footage)
+    found = synchronise(footage.seen, seen, reference.times, reference.values)
+    scale = geometry.scale if reference.kind is MotionSource.INPUT else found.scale
+    by_position = reference.kind is MotionSource.POSITION
     return VideoRecord(
         footage=footage,
         onset=lamp,
         synchronisation=found,
-        encoder=(times, encoder),
-        stamps=origin + np.round(1e9 * found.time(footage.seen)).astype(np.int64),
-        positions=found.position(angles),
+        reference=reference,
+        stamps=reference.origin + np.round(1e9 * found.time(footage.seen)).astype(np.int64),
+        positions=found.position(angles) if by_position else scale * (angles - geometry.zero),
         filled=filled,
     )
 
 
+def _speeds(footage: Footage) -> Array:
+    """Speeds of the sprite (frames,) [rad/s], NaN where there is no angle."""
+    known = np.isfinite(footage.angles)
+    found = np.full(len(known), np.nan)
+    found[known] = CubicSpline(footage.seen[known], footage.angles[known])(footage.seen[known], 1)
+    return found
+
+
 def calibrated(layers: PictureLayers, record: VideoRecord) -> PictureLayers:
     """Layers that tell positions by the zero and the scale of the bag's sensor; the same without a bag."""
-    found = record.synchronisation
-    if found is None:
+    found, reference = record.synchronisation, record.reference
+    if found is None or reference is None or reference.kind is MotionSource.INPUT:
         return layers
+    if reference.kind is MotionSource.SPEED:
+        return replace(layers, geometry=replace(layers.geometry, scale=found.scale))
     return replace(layers, geometry=replace(layers.geometry, scale=found.scale, zero=-found.offset / found.scale))
-
-
-def encoder_of(rig: Rig, joint: str, bag: Path) -> tuple[int, Array, Array]:
-    """First stamp [ns], times from there on [s] and positions [rad] of a joint as a bag has them."""
-    topic, stamps, values = f"/{rig.namespace}/{MEASUREMENTS}", list[NDArray[np.int64]](), list[Array]()
-    field = f"position[{joint}]"
-    with opened(bag) as found:
-        if topic not in found.topics:
-            raise UserError(f"{bag}: no topic {topic}: the bag has {found.listing}")
-        for block in found.blocks({topic}):
-            columns = TopicColumns(block)
-            try:
-                values.append(columns.values(field))
-                stamps.append(columns.stamps(field))
-            except MissingInMessageError as error:
-                raise UserError(
-                    f"{bag}: topic {topic}: field {field} is missing in {error}: a film is put in a bag's time by a "
-                    "position that was measured; leave out --bag"
-                ) from error
-    known = np.isfinite(np.concatenate(values))
-    when, where = np.concatenate(stamps)[known], np.concatenate(values)[known]
-    if len(when) < 10 or not (np.diff(when) > 0).all():
-        raise UserError(f"{bag}: {topic} has no position of {joint} at times that rise: nothing to synchronise with")
-    return int(when[0]), (when - when[0]) * 1e-9, where
 
 
 def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
@@ -139,6 +145,9 @@ def contradictions(record: VideoRecord) -> Iterator[str]:
         yield "no lamp goes on in the film: its time is told by the motion alone"
     if (found := record.synchronisation) is None:
         return
+    if record.reference is not None and record.reference.kind is not MotionSource.POSITION:
+        kind = record.reference.kind.value
+        yield f"the bag has no position of the joint: film and bag are put together by its {kind}, and the zero is free"
     if abs(found.rate) > CLOCKS:
         yield (
             f"the film's times run {abs(found.rate):.2%} {'slow' if found.rate > 0.0 else 'fast'} beside the bag's, as "
@@ -169,15 +178,32 @@ def at_rate(record: VideoRecord, rate: float) -> VideoRecord:
     return replace(record, stamps=stamps, positions=positions)
 
 
+def usual_rate(record: VideoRecord) -> float:
+    """The rate of the bag's own samples, where it is above that of the pictures, or else theirs [Hz]: inputs change
+    between two pictures, and a model is identified at a uniform rate.
+    """
+    rate = record.footage.rate
+    if record.reference is None or record.reference.kind is MotionSource.INPUT:
+        return rate
+    return max(round(1.0 / float(np.median(np.diff(record.reference.times))), 6), rate)
+
+
 def write(
     record: VideoRecord, rig: Rig, joint: str, bag: Path | None, out: Path, *, replace: bool, made_by: str
 ) -> None:
-    """Write a bag: all topics of the other one, where there is one, and the camera's joint states beside them.
+    """Write a bag: all topics of the other one, where there is one, and the camera's joint states beside them. These
+    have what other joints the bag has of the rig's outputs, and of an earlier film, too, between their samples.
 
     Raises UserError where it can't be written.
     """
     topic = f"/{rig.namespace}/{CAMERA}/{MEASUREMENTS}"
-    series = bags.joint_states(topic, record.stamps, [f"{joint}_{CAMERA}"], position=record.positions[:, None])
+    names, columns = [f"{joint}_{CAMERA}"], {"position": [record.positions], "velocity": [record.speeds]}
+    for name, fields in _others(record, rig, joint, bag):
+        names.append(name)
+        for field, values in columns.items():
+            values.append(fields.get(field, np.full(len(record.stamps), np.nan)))
+    position, velocity = (np.column_stack(columns[field]) for field in ("position", "velocity"))
+    series = bags.joint_states(topic, record.stamps, names, position=position, velocity=velocity)
     with bags.BagWriter(out, replace=replace, notes={"made_by": made_by}) as writer:
         seen = zip(record.stamps.tolist(), series.messages(), strict=True)
         following = next(seen, None)
@@ -192,3 +218,42 @@ def write(
         while following is not None:
             writer.write_raw(topic, series.type, *following)
             following = next(seen, None)
+
+
+def _others(record: VideoRecord, rig: Rig, joint: str, bag: Path | None) -> Iterator[tuple[str, dict[str, Array]]]:
+    """Entries of further joints at the record's stamps: of the rig's other outputs, and of an earlier film's."""
+    if bag is None:
+        return
+    wanted = {place[0]: MEASUREMENTS for place in map(rig.joints.place, (item.name for item in rig.system.outputs))}
+    wanted |= {f"{name}_{CAMERA}": f"{CAMERA}/{MEASUREMENTS}" for name in rig.joints.names}
+    for name, topic in wanted.items():
+        fields = {}
+        for field in ("position", "velocity"):
+            with suppress(MissingInMessageError, UserError):
+                when, values = column(rig, bag, f"{field}[{name}]", topic)
+                inside = (record.stamps >= when[0]) & (record.stamps <= when[-1])
+                fields[field] = np.where(inside, np.interp(record.stamps, when, values), np.nan)
+        if fields and name not in (joint, f"{joint}_{CAMERA}"):
+            yield name, fields
+
+
+def write_signals(path: Path, rig: Rig, joint: str) -> None:
+    """Write a file of signals by which a written bag is read with the camera in the place of the joint's sensor.
+
+    Raises UserError where it can't be written.
+    """
+    outputs = {}
+    for name, signal in rig.signals.outputs.items():
+        place, field = rig.joints.place(name)
+        seen = f"{place}_{CAMERA}" if place == joint else place
+        outputs[name] = {**_stated(signal), "topic": f"{CAMERA}/{MEASUREMENTS}", "field": f"{field}[{seen}]"}
+    inputs = {name: _stated(signal) for name, signal in rig.signals.inputs.items()}
+    content = {"namespace": rig.namespace, "signals": {"inputs": inputs, "outputs": outputs}}
+    with written_file(path) as place_of:
+        place_of.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _stated(signal: Signal) -> dict[str, Any]:
+    """A signal as a file has it, without what is usual."""
+    usual = Signal(topic="", field="x")
+    return {key: value for key, value in vars(signal).items() if value != getattr(usual, key)}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import Judged
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import Reading
+from hybrid_sysid_ros.extensions.vision.reading.joint_reference import MotionSource
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.synchronisation import low_passed
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord
@@ -29,8 +30,9 @@ def positions(record: VideoRecord) -> go.Figure:
     """
     figure = panels(heights=[0.65, 0.35], height=480)
     seconds = (record.stamps - record.stamps[0]) * 1e-9
-    if record.encoder is not None and record.synchronisation is not None:
-        times, encoder = record.encoder
+    reference = record.reference
+    if reference is not None and reference.kind is MotionSource.POSITION and record.synchronisation is not None:
+        times, encoder = reference.times, reference.values
         begin = float(record.synchronisation.time(record.footage.seen[:1])[0])
         line(figure, 1, times - begin, np.degrees(encoder), "encoder", REFERENCE)
         smooth = low_passed(encoder, float(np.median(np.diff(times))))

@@ -34,7 +34,6 @@ from tests.command_line import Answer, refused
 
 RIG, CAMERA = load("cam_beam"), Camera(width=320, height=180)
 SECONDS = 6.0
-WHEEL = Path(__file__).parents[4] / "bags" / "wheel_motor_multisine"
 Frames = list[tuple[float, Picture]]
 
 
@@ -78,11 +77,6 @@ def video(call: Callable[..., Answer], beam: Filmed, tmp_path: Path) -> Video:
         return call(app.main, "hybrid-sysid", "video", str(path), *given)
 
     return run
-
-
-def test_a_bag_without_the_joints_position_is_refused_before_the_film_is_read(call, tmp_path: Path) -> None:
-    arguments = ("video", "film.mp4", "--rig", "wheel_motor", "--bag", str(WHEEL), "--out", str(tmp_path / "out"))
-    refused(call(app.main, "hybrid-sysid", *arguments), WHEEL, "leave out --bag")
 
 
 def _each(frames: Frames, change: Callable[[Picture], Picture]) -> Frames:

@@ -1,0 +1,96 @@
+"""Films of rigs whose bags have no position of what is seen: by speed, or by the input, and identified from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.extensions.vision.camera.filming import SceneMotion, experiment
+from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
+from hybrid_sysid_ros.extensions.vision.reading import joint_reference, video_record
+from hybrid_sysid_ros.extensions.vision.reading.footage import Footage
+from hybrid_sysid_ros.extensions.vision.reading.joint_reference import JointReference, MotionSource
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.support.arrays import Array
+
+SHIFT, PERIOD, DEVIATION = -0.7, 1 / 60, 1e-4
+SECONDS = 8.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Filmed:
+    """An experiment and what a camera saw of it."""
+
+    rig: Rig
+    bag: Path
+    motion: SceneMotion
+    footage: Footage
+    layers: PictureLayers
+
+
+def _filmed(name: str, folder: Path) -> Filmed:
+    rig = load(name)
+    motion = experiment(rig, "multisine", folder / name, seed=2, duration=SECONDS, rate=200.0)
+    times: Array = np.arange(0.9, SECONDS, PERIOD, dtype=np.float64)
+    angles = np.interp(times + SHIFT, motion.times, motion.angles)
+    angles = angles + DEVIATION * np.random.default_rng(0).standard_normal(len(times))
+    nothing = np.full(len(times), np.nan)
+    footage = Footage(
+        times=times, seen=times, angles=angles, deviations=np.full(len(times), DEVIATION),
+        explained=np.ones(len(times)), lamp=nothing, frozen=np.zeros(len(times), dtype=bool), shown=(),
+        stated_rate=1 / PERIOD,
+    )  # fmt: skip
+    layers = painted_layers(rig, Camera(width=240, height=136))
+    return Filmed(rig=rig, bag=folder / name, motion=motion, footage=footage, layers=layers)
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
+    return _filmed("wheel_motor", tmp_path_factory.mktemp("wheel"))
+
+
+def test_a_film_is_put_in_a_bags_time_by_the_speed(wheel: Filmed) -> None:
+    record = video_record.joined(wheel.footage, wheel.layers, wheel.rig, wheel.bag, exposure=0.008)
+    assert record.reference is not None
+    assert record.reference.kind is MotionSource.SPEED
+    assert record.synchronisation is not None
+    assert record.synchronisation.shift == pytest.approx(SHIFT, abs=6e-3)  # of a sample of its sensor
+    assert record.synchronisation.scale == pytest.approx(1.0, abs=0.01)
+    assert any("by its speed" in line for line in video_record.contradictions(record))
+
+
+def test_a_film_is_put_in_a_bags_time_by_the_input(wheel: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:
+    reference = joint_reference._by_input(wheel.rig, "wheel", wheel.bag)
+
+    def by_input(rig: Rig, joint: str, bag: Path) -> JointReference:
+        return reference
+
+    monkeypatch.setattr(video_record, "joint_reference", by_input)
+    record = video_record.joined(wheel.footage, wheel.layers, wheel.rig, wheel.bag, exposure=0.008)
+    assert record.synchronisation is not None
+    assert record.synchronisation.shift == pytest.approx(SHIFT, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["wheel_motor", "flexible_joint"])
+def test_a_written_bag_is_read_with_the_camera_in_the_sensors_place(name: str, tmp_path: Path) -> None:
+    filmed = _filmed(name, tmp_path)
+    record = video_record.joined(filmed.footage, filmed.layers, filmed.rig, filmed.bag, exposure=0.008)
+    joint = scene_of(filmed.rig).joint
+    written = video_record.at_rate(record, video_record.usual_rate(record))
+    video_record.write(written, filmed.rig, joint, filmed.bag, tmp_path / "out", replace=False, made_by="test")
+    video_record.write_signals(tmp_path / "signals.yaml", filmed.rig, joint)
+    system = filmed.rig.system
+    signals = Signals.load(tmp_path / "signals.yaml").ordered(system.inputs, system.outputs)
+    seen = bags.read(tmp_path / "out", signals)
+    own = bags.read(filmed.bag, replace(filmed.rig.signals, channels={}))
+    assert seen.sampling_time == pytest.approx(own.sampling_time)
+    for column in range(len(system.outputs)):
+        assert np.ptp(seen.output[:, column]) == pytest.approx(np.ptp(own.output[:, column]), rel=0.1)
