@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from types import FunctionType
 from typing import Any, ClassVar
 
@@ -143,7 +144,7 @@ class System:
 
     # ------------------------------------------------------------------ what it is made of
 
-    @property
+    @cached_property
     def form(self) -> tuple[Any, ...]:
         """The key of the compiled code: the class and its fields without the values of parameters and weights."""
         parameters, weights = {item.name for item in self.parameters}, self.weights

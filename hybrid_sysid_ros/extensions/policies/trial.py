@@ -13,6 +13,7 @@ from hybrid_sysid_ros.control.controller import MpcSolution, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
 from hybrid_sysid_ros.control.scenarios import LoopRun, Scenario
 from hybrid_sysid_ros.core import System
@@ -93,32 +94,48 @@ class Trial:
         return self.criteria.kept(measures, self.periods, self.tolerances.violation)
 
 
-class _Beside(ExactMpc):
-    """An exact MPC that takes over what another one of the same problem has just found for the same instance from the
-    same plan, since solutions take most of a loop's time. They differ by the rounding of another working set.
+class MpcSolve(NamedTuple):
+    """What an exact MPC found: its answer, and its trajectory and working set, from which it goes on."""
+
+    solution: MpcSolution
+    inputs: Array
+    states: Array
+    constraints: NDArray[np.int32]
+
+
+class SharingMpc(ExactMpc):
+    """An exact MPC that does not solve again what another one has solved from the same plan.
+
+    The loops of a scenario are alike until the network drives, and beside a supervisor the judge solves what its own
+    exact MPC does. Solutions from other working sets differ by their rounding.
     """
 
-    def __init__(self, other: ExactMpc, tolerance: float) -> None:
-        super().__init__(other.system, other.problem, tolerance=tolerance)
-        self._other = other
-        self.found: tuple[Instance, bool, MpcSolution] | None = None
-        """What the other one was asked, whether it had no plan then, and its solution."""
+    def __init__(self, system: System, problem: ControlProblem, solved: dict[bytes, MpcSolve]) -> None:
+        super().__init__(system, problem, tolerance=KKT_TOLERANCE)
+        self._solved = solved
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.control`."""
-        asked, found = Instance(state, disturbance, previous_input, preview), self.found
-        if found is not None and found[2].status is not Status.FAILED:
-            own, others = self.shooting.horizon, self._other.shooting.horizon
-            alike = self.cold if found[1] else np.array_equal(own.inputs, others.last.inputs) and not self.cold
-            if alike and all(map(np.array_equal, asked, found[0])):
-                self.adopt(others.disturbance, others.inputs, others.states)
-                self._instance.assign(*asked)
-                return found[2]
-        return super().control(*asked)
+        asked = Instance(state, disturbance, previous_input, preview)
+        horizon, states = self.shooting.horizon, self.shooting.program.states
+        plan = b"" if self.cold else horizon.inputs.tobytes()
+        key = b"".join(map(np.ndarray.tobytes, asked)) + plan
+        found = self._solved.get(key)
+        if found is None:
+            solution = super().control(*asked)
+            if solution.status is not Status.FAILED:
+                self._solved[key] = MpcSolve(solution, horizon.inputs.copy(), horizon.states.copy(), states.copy())
+            return solution
+        self.adopt(disturbance, found.inputs, found.states)
+        self._instance.assign(*asked)
+        states[:] = found.constraints
+        return found.solution
 
 
 class Drivers:
-    """The controllers of a trial, which run one loop after the other; nothing is left of the loop before."""
+    """The controllers of a trial, which run one loop after the other; what is left of the loops before are solutions
+    of the same scenario.
+    """
 
     def __init__(self, trial: Trial) -> None:
         """Raises UserError for a policy that can't be supervised."""
@@ -126,9 +143,9 @@ class Drivers:
         self._problem = self._policy.problem
         self._criteria = trial.criteria
         self._input_error = np.array(trial.criteria.input_error)
-        self._beside = ExactMpc(model, self._problem, tolerance=KKT_TOLERANCE)
-        self._mpc = _Beside(self._beside, KKT_TOLERANCE)
-        self._supervisor = Supervisor(self._policy, self._mpc, trial.tolerances)
+        self._solved: dict[bytes, MpcSolve] = {}
+        self._beside, mpc = (SharingMpc(model, self._problem, self._solved) for _ in range(2))
+        self._supervisor = Supervisor(self._policy, mpc, trial.tolerances)
         names = "input_low", "input_high", "rate_limits"
         self._low, self._high, self._rates = (np.array(getattr(self._problem, name)) for name in names)
 
@@ -139,14 +156,14 @@ class Drivers:
         beside, own = self._beside, (None, self._policy, self._supervisor)[driver]
         exact, reasons = np.empty_like(scenario.inputs), np.full(len(scenario.begins), -1, dtype=np.int64)
         answered, solved = np.zeros(len(reasons), dtype=bool), np.zeros(len(reasons), dtype=bool)
-        beside.reset()
-        if own is not None:
+        if own is None:
+            self._solved.clear()
+        else:
             own.reset()
+        beside.reset()
 
         def control(k: int, asked: Instance) -> Array:
-            cold = beside.cold
             first = answer = beside.control(*asked)
-            self._mpc.found = asked, cold, first
             given = first.input
             if own is not None:
                 plan = own.control(*asked)
@@ -190,7 +207,7 @@ class Drivers:
         Its problem may have several local solutions, so where the driver is off by more than it may be, it begins at
         the driver's plan once more, and the cheaper solution is the answer.
         """
-        near = np.all(np.abs(plan.input - first.input) <= self._input_error)
+        near = bool((np.abs(plan.input - first.input) <= self._input_error).all())
         if (near and first.status is not Status.FAILED) or plan.status is Status.HELD:
             return first
         mpc = self._beside
