@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: python -m benchmarks [NAME...]."""
+"""Run all benchmarks, or those named: python -m benchmarks [NAME...], or every published table: all-tables."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ import sys
 from pathlib import Path
 
 HELPERS = {
-    *("__main__", "acados_peer", "browser", "network_plant", "parts", "picture", "result", "step_response"),
-    *("mutants", "newest"),  # of the tests and the dependencies: see the Makefile
+    *(
+        "__main__",
+        "acados_peer",
+        "all_tables",
+        "browser",
+        "network_plant",
+        "parts",
+        "picture",
+        "result",
+        "step_response",
+    ),
+    *("all_tables", "mutants", "newest"),  # of the tables, the tests and the dependencies
 }
 KNOWN = [entry.name for entry in pkgutil.iter_modules([str(Path(__file__).parent)]) if entry.name not in HELPERS]
 
@@ -19,6 +29,10 @@ def main(names: list[str]) -> int:
     if {"-h", "--help"} & {*names}:
         print(f"{__doc__}\nThey are {', '.join(KNOWN)}; each writes benchmarks/results/NAME.json.")
         return 0
+    if names[:1] == ["all-tables"]:
+        from benchmarks import all_tables
+
+        return all_tables.main(names[1:])
     unknown = [name for name in names if name not in KNOWN]
     if unknown:
         print(f"error: no benchmark {unknown[0]}: known are {', '.join(KNOWN)}", file=sys.stderr)

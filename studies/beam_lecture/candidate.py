@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass, field
@@ -88,14 +89,22 @@ def work(task: Task) -> Candidate:
     try:
         shared: dict[str, Any] = {"sampling": task.sampling, "part": task.part, "options": task.options}
         models = [identify(task.training, task.rig, task.structure, seed=seed, **shared) for seed in task.seeds]
-        r2 = [{record.name: evaluate(model, record, part=part).r2 for record, part in task.tests} for model in models]
         held: dict[str, Any] = {"seed": task.seeds[0], "alike": task.alike}
         validation = cross_validate(task.training, task.rig, task.structure, **held, **shared)
     except UserError as error:
         return Candidate(structure=task.structure, error=str(error))
+    r2 = [{record.name: _tested(model, record, part) for record, part in task.tests} for model in models]
     return Candidate(
         structure=task.structure, models=models, r2=r2, validation=validation, seconds=time.perf_counter() - began
     )
+
+
+def _tested(model: Model, record: Record, part: Part) -> float:
+    """R2 on a test; minus infinity where it can't be simulated, for a test has no say in which candidates there are."""
+    try:
+        return evaluate(model, record, part=part).r2
+    except UserError:
+        return -math.inf
 
 
 class CandidateStore(Store[Candidate]):

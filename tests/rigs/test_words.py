@@ -11,8 +11,8 @@ ROOT = Path(__file__).parents[2]
 RIGS = sorted(path.parent for path in (ROOT / "hybrid_sysid_ros" / "rigs").glob("[!_]*/system.py"))
 STUDIES = [path.name for path in (ROOT / "studies").iterdir() if (path / "__init__.py").is_file()]
 BAGS = [path.name for path in (ROOT / "bags").iterdir() if path.is_dir()]
-ANYBODYS = {"joint", "motor", "wheel", "string", "coulomb", "hysteretic", *structure_names()}
-"""Words of rigs that any rig may have."""
+ANYBODYS = {"joint", "motor", "wheel", "string", "coulomb", "hysteretic", "public", *structure_names()}
+"""Words of rigs and studies that any may have."""
 
 OWN = {*RIGS, ROOT / "hybrid_sysid_ros" / "trained"}
 APART = {"__pycache__", "docs", "tests"}

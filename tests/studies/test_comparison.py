@@ -13,7 +13,9 @@ from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation
 from hybrid_sysid_ros.models import Model, Sampling, build
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Lost
+from studies.beam_lecture import candidate as candidates
 from studies.beam_lecture import comparison
 from studies.beam_lecture.candidate import Candidate, CandidateStore
 from studies.beam_lecture.comparison import RULE, Comparison, choose, compare
@@ -68,6 +70,17 @@ def test_tests_have_no_say():
     pair = [candidate("simple", [0.89, 0.9, 0.91], parameters=5), candidate("rich", [0.89, 0.9, 0.92], parameters=9)]
     assert choose(pair) == "simple"
     assert choose([replace(pair[0], r2=[{"test": -9.0}]), replace(pair[1], r2=[{"test": 1.0}])]) == "simple"
+
+
+def test_a_structure_whose_test_cannot_be_simulated_stays_a_candidate(linear_records, rig, monkeypatch):
+    def refused(model, record, part):
+        raise UserError("an open free run means nothing")
+
+    monkeypatch.setattr(candidates, "evaluate", refused)
+    tests = [(linear_records[2], Part(stop=0.2))]
+    found = compare(linear_records[:2], tests, rig, ["linear"], sampling=Sampling(), part=Part(stop=0.2), jobs=1)
+    assert found.chosen == "linear"
+    assert found.candidates[0].r2 == [{linear_records[2].name: -np.inf}]
 
 
 def test_failed_candidates_are_not_chosen():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,23 +25,25 @@ class StateSpaceStructure(Structure):
     summary = "a state space of any order, from inputs and outputs alone"
     seeded = True
 
+    OPTIONS: ClassVar[Mapping[str, Option]] = {
+        "order": Option(default=0, low=0, high=60, kind="int", description="States; 0: by held-out blocks."),
+        "highest": Option(default=10, low=1, high=60, kind="int", description="Highest order to compare."),
+        "feedthrough": Option(
+            default=2,
+            low=0,
+            high=2,
+            kind="int",
+            description="Inputs act on outputs at once: 0 no, 1 yes, 2 by held-out blocks.",
+        ),
+        "units": Option(default=0, low=0, high=64, kind="int", description="Units of a network in the feedback."),
+        "power": Option(default=0, low=0, high=7, kind="int", description="Of the units; 0: they are tanh."),
+        "ridge": Option(default=1e-8, low=1e-12, high=1.0, kind="log", description="Keeps the units small."),
+        "starts": Option(default=3, low=1, high=20, kind="int", description="Beginnings of the units."),
+    }
+
     @property
     def options(self) -> Mapping[str, Option]:
-        return {
-            "order": Option(default=0, low=0, high=60, kind="int", description="States; 0: by held-out blocks."),
-            "highest": Option(default=10, low=1, high=60, kind="int", description="Highest order to compare."),
-            "feedthrough": Option(
-                default=2,
-                low=0,
-                high=2,
-                kind="int",
-                description="Inputs act on outputs at once: 0 no, 1 yes, 2 by held-out blocks.",
-            ),
-            "units": Option(default=0, low=0, high=64, kind="int", description="Units of a network in the feedback."),
-            "power": Option(default=0, low=0, high=7, kind="int", description="Of the units; 0: they are tanh."),
-            "ridge": Option(default=1e-8, low=1e-12, high=1.0, kind="log", description="Keeps the units small."),
-            "starts": Option(default=3, low=1, high=20, kind="int", description="Beginnings of the units."),
-        }
+        return self.OPTIONS
 
     def sampling(self, asked: Sampling) -> Sampling:
         return replace(asked, step=asked.period)

@@ -1,5 +1,7 @@
 """State spaces: every form agrees, derivatives are exact, and known systems come back."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.signal import dlsim
@@ -29,7 +31,7 @@ A = np.array([[0.9, 0.3, 0.0], [-0.3, 0.9, 0.2], [0.0, 0.0, 0.5]])
 B = np.array([[0.0, 1.0], [1.0, 0.0], [0.5, -1.0]])
 C = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, -1.0]])
 D = np.array([[0.0, 0.2], [0.0, 0.0]])
-POLES = np.sort_complex(np.linalg.eigvals(A))
+POLES: Any = np.sort_complex(np.linalg.eigvals(A))
 
 
 def simulation(inputs, noise=0.0, seed=0):
@@ -119,6 +121,7 @@ def test_subspaces_in_frequency_find_the_system_from_its_steady_periods():
     inputs = np.tile(period, (5, 1))
     assert period_of(inputs) == 200
     spectrum = spectrum_of((inputs, simulation(inputs)))
+    assert spectrum is not None
     a, _ = poles_and_readout(observability(in_frequency([spectrum], 8), 8, 2, 2)[0], 3, 2)
     np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(a)), POLES, atol=1e-6)
 
@@ -137,13 +140,15 @@ def test_the_order_and_the_way_through_are_those_of_the_system():
 
 
 def test_a_fit_needs_only_inputs_and_outputs_and_predicts_unseen_records():
-    signals = tuple(tuple(Variable(name=f"{kind}{i}", unit="V") for i in range(2)) for kind in "yu")
+    y, u = (tuple(Variable(name=f"{kind}{i}", unit="V") for i in range(2)) for kind in "yu")
     inputs, outputs = noise_driven(1200, noise=0.05)
     unseen, truth = noise_driven(500, seed=9)
-    fit = identify_state_space([prepared(inputs, outputs)], *signals, StateSpaceSettings(highest=5))
-    assert fit.system.order == 3
-    assert score(truth[:, 0], free_run(fit.system, prepared(unseen, truth))[:, 0]).r2 > 0.999
-    np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(fit.system.matrices()[0])), POLES, atol=0.01)
+    fit = identify_state_space([prepared(inputs, outputs)], y, u, StateSpaceSettings(highest=5))
+    system: Any = fit.system
+    assert system.order == 3
+    assert score(truth[:, 0], free_run(system, prepared(unseen, truth))[:, 0]).r2 > 0.999
+    poles: Any = np.sort_complex(np.linalg.eigvals(system.matrices()[0]))
+    np.testing.assert_allclose(poles, POLES, atol=0.01)
 
 
 def test_units_in_the_feedback_learn_a_spring_that_hardens():
@@ -154,10 +159,11 @@ def test_units_in_the_feedback_learn_a_spring_that_hardens():
         outputs[k] = x[0]
         x = np.array([x[0] + 0.3 * x[1], 0.85 * x[1] - 0.3 * x[0] - 0.4 * x[0] ** 3 + 0.05 * u])
     signals = (Variable(name="y", unit="V"),), (Variable(name="u", unit="V"),)
-    known = {"order": 2, "through": False}
+    known: dict[str, Any] = {"order": 2, "through": False}
+    more_or_less: tuple[dict[str, Any], ...] = ({}, {"units": 1, "power": 3, "starts": 1})
     errors = [
         identify_state_space([prepared(inputs, outputs)], *signals, StateSpaceSettings(**known, **more)).relative_error
-        for more in ({}, {"units": 1, "power": 3, "starts": 1})
+        for more in more_or_less
     ]
     assert errors[0] > 0.05
     assert errors[1] < 1e-3
