@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import built, section
+from hybrid_sysid_ros.support.structured import built, read_mapping, section
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,10 +81,36 @@ class Scene:
     roll: float = 0.0
     """Of the camera about its axis, clockwise, so that all angles look larger by it [rad]."""
     lamp: Lamp | None = None
+    marks: tuple[float, ...] = ()
+    """x and y of the four corners of a rectangle in the plane of the motion, from the upper left one clockwise, by
+    which it is seen squarely; pivot and lamp are where they are seen before that."""
+    rectangle: tuple[float, ...] = (1.0, 1.0)
+    """Its width and height in any unit."""
 
     def __post_init__(self) -> None:
         if not self.sprite:
             raise UserError("sprite has no patch: nothing would move")
+        if len(self.pivot) != 2 or len(self.rectangle) != 2 or not min(self.rectangle) > 0.0:
+            raise UserError("pivot and rectangle have two numbers each, those of the rectangle above 0")
+        if len(self.marks) not in (0, 8):
+            raise UserError(f"marks has {len(self.marks)} numbers: it needs x and y of four corners, or none")
+
+
+def with_scene(rig: Rig, path: Path) -> Rig:
+    """The rig with the scene of a file, a section ``scene`` or what stands in one, in the place of its own.
+
+    Raises UserError where the file can't be read, or describes no scene.
+    """
+    content = read_mapping(path)
+    found = content.get("scene", content)
+    built(Scene, found, f"{path}: scene")
+    return replace(rig, content={**rig.content, "scene": found})
+
+
+def with_pivot(rig: Rig, pivot: tuple[float, float]) -> Rig:
+    """The rig with another pivot of its scene [widths]. Raises UserError as :func:`scene_of` does."""
+    scene_of(rig)
+    return replace(rig, content={**rig.content, "scene": {**rig.content["scene"], "pivot": list(pivot)}})
 
 
 def scene_of(rig: Rig) -> Scene:
@@ -93,12 +120,19 @@ def scene_of(rig: Rig) -> Scene:
     """
     where = f"{rig.file}: scene"
     if not has_scene(rig):
-        raise UserError(f"{rig.file}: has no section scene: it says what a camera sees of the rig (docs/camera.md)")
+        raise UserError(
+            f"{rig.file}: has no section scene: it says what a camera sees of the rig (docs/camera.md); click one on "
+            "the page of hybrid-sysid video FILM --check, and give it (--scene)"
+        )
     scene = built(Scene, section(rig.content, "scene", str(rig.file)), where)
-    turning = [name for name, joint in rig.joints.joints.items() if joint.position or joint.velocity]
-    if scene.joint not in turning:
-        raise UserError(f"{where}.joint: {scene.joint!r} is no joint that moves; known are {', '.join(turning)}")
+    if scene.joint not in turning(rig):
+        raise UserError(f"{where}.joint: {scene.joint!r} is no joint that moves; known are {', '.join(turning(rig))}")
     return scene
+
+
+def turning(rig: Rig) -> list[str]:
+    """Joints of a rig that move."""
+    return [name for name, joint in rig.joints.joints.items() if joint.position or joint.velocity]
 
 
 def has_scene(rig: Rig) -> bool:

@@ -29,6 +29,7 @@ class FilmFormat:
     width: int
     height: int
     rate: float
+    codec: str
 
 
 def format_of(path: Path) -> FilmFormat:
@@ -39,7 +40,8 @@ def format_of(path: Path) -> FilmFormat:
         with av.open(str(path)) as container:
             stream = _stream(container, path)
             context = stream.codec_context
-            return FilmFormat(width=context.width, height=context.height, rate=float(stream.average_rate or 0))
+            rate = float(stream.average_rate or 0)
+            return FilmFormat(width=context.width, height=context.height, rate=rate, codec=context.name)
     except (av.FFmpegError, OSError) as error:
         raise _unreadable(path, error) from error
 

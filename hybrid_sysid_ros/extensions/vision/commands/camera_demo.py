@@ -24,6 +24,7 @@ from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
@@ -109,8 +110,9 @@ def camera_demo(
     )  # fmt: skip
     status.print("2 learning the layers of the picture, and reading positions by them")
     with status.status("looking at the film") as spinner:
-        layers, _ = learn(picked(film), described, readout=CAMERA.readout, progress=spinner.update)
-        footage = followed(film, AngleReader(layers), scene.lamp)
+        view = FilmView(path=film)
+        layers, _ = learn(picked(view), described, readout=CAMERA.readout, progress=spinner.update)
+        footage = followed(view, AngleReader(layers), scene.lamp)
         record = video_record.joined(footage, layers, described, recorded, exposure=CAMERA.exposure)
         layers = calibrated(layers, record)
         layers.save(layers_folder)

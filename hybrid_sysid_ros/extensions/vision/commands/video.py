@@ -8,33 +8,49 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status, typed
+from hybrid_sysid_ros.extensions.vision.camera.film import pictures
 from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import motion_of_camera
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView, squaring
+from hybrid_sysid_ros.extensions.vision.reading.film_check import film_check
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import joint_reference
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.report.check_page import write_check
 from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
-from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.extensions.vision.scene import has_scene, scene_of, with_pivot, with_scene
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file, check_folder, sha256
 
 
 def command(
     video: Annotated[Path, typer.Argument(help="Film of the rig, in a format that FFmpeg reads, such as mp4 or mov.")],
-    out: Annotated[Path, typer.Option("--out", help="Bag to write.")],
+    out: Annotated[Path | None, typer.Option("--out", help="Bag to write.")] = None,
     rig: RigName = "",
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Say only what the film has and lacks, with a page to click on."),
+    ] = False,
+    scene_file: Annotated[
+        Path | None,
+        typer.Option("--scene", help="File with the scene of this film, in the place of the rig's."),
+    ] = None,
+    pivot: Annotated[str, typer.Option(help="Where the joint's axis is in the film's pictures: X,Y [pixels].")] = "",
     bag: Annotated[
         Path | None, typer.Option(help="Bag that was recorded during the film, to synchronise with.")
     ] = None,
@@ -67,7 +83,19 @@ def command(
     overwrite: Overwrite = False,
 ) -> None:
     """Read a joint's angle out of a film, put it in a bag's time, and write a bag with both; predict its pictures."""
-    described = load_rig(rig)
+    described = load_rig(rig) if scene_file is None else with_scene(load_rig(rig), scene_file)
+    if pivot:
+        described = with_pivot(described, _pivot(pivot, video))
+    view = FilmView(path=video)
+    marks = _marks(described, video) if has_scene(described) else None
+    if check:
+        _checked(view, described, marks, page or video.with_name(f"{video.stem}.check.html"), exposure=exposure)
+        return
+    if out is None:
+        raise UserError("name the bag to write (--out), or look only at the film (--check)")
+    if marks is not None:
+        square = squaring(marks, scene_of(described).rectangle)
+        view, described = FilmView(path=video, square=square), _seen_squarely(described, square, video)
     dynamics = load_model(model, rig=rig) if model is not None else None
     if model is not None:
         if bag is None:
@@ -86,17 +114,16 @@ def command(
         known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
         if known and layers is not None:
             found = PictureLayers.load(layers)
-            motion = motion_of_camera(video, found.background)
+            view = view.steadied(found.background)
         else:
-            motion = motion_of_camera(video)
-            film = picked(video, motion=motion)
+            view = view.steadied()
             found, _ = learn(
-                film, described, readout=readout, progress=lambda stage: spinner.update(f"learning: {stage}")
-            )
+                picked(view), described, readout=readout, sized=not pivot,
+                progress=lambda stage: spinner.update(f"learning: {stage}"),
+            )  # fmt: skip
         footage = followed(
-            video, AngleReader(found), scene.lamp, motion=motion,
-            progress=lambda count: spinner.update(f"reading: {count} pictures"),
-        )  # fmt: skip
+            view, AngleReader(found), scene.lamp, progress=lambda count: spinner.update(f"reading: {count} pictures")
+        )
         spinner.update("synchronising")
         record = video_record.joined(footage, found, described, bag, exposure=exposure)
         if layers is not None and not known:
@@ -124,6 +151,55 @@ def command(
         provenance = report.Provenance(command=command_line, hashes=hashes, versions=versions())
         write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
+
+
+def _pivot(text: str, video: Path) -> tuple[float, float]:
+    """Widths of the picture by pixels. Raises UserError for what is no place in it."""
+    columns, rows = _size(video)
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UserError(f"--pivot {text}: give two numbers of pixels, such as --pivot 320,180") from None
+    if not (-columns < x < 2 * columns and -rows < y < 2 * rows):
+        raise UserError(f"--pivot {text}: is far outside of the pictures of {columns}x{rows} pixels")
+    return (x + 0.5) / columns, (y + 0.5) / columns
+
+
+def _size(video: Path) -> tuple[int, int]:
+    """Columns and rows of a film's pictures, upright."""
+    _, picture = next(pictures(video))
+    return picture.shape[1], picture.shape[0]
+
+
+def _marks(rig: Rig, video: Path) -> Array | None:
+    """Corners (4, 2) of the scene's rectangle [pixels]; None without one."""
+    marks = scene_of(rig).marks
+    return np.reshape(marks, (4, 2)) * _size(video)[0] - 0.5 if marks else None
+
+
+def _seen_squarely(rig: Rig, square: NDArray[np.float64], video: Path) -> Rig:
+    """The rig with its pivot where it is in pictures that are seen squarely by a homography."""
+    columns = _size(video)[0]
+    x, y = (np.array(scene_of(rig).pivot) * columns - 0.5).tolist()
+    there = square @ np.array([x, y, 1.0])
+    x, y = ((there[:2] / there[2] + 0.5) / columns).tolist()
+    return with_pivot(rig, (x, y))
+
+
+def _checked(view: FilmView, rig: Rig, marks: Array | None, page: Path, *, exposure: float) -> None:
+    """Print what a film has and lacks, and write the page."""
+    report.check_available()
+    check_file(page, suffix=".html")
+    with status.status("looking at the film"), _named_in_errors(view.path):
+        found = film_check(view, exposure=exposure, marks=marks)
+    table = Table("", "found", "what to do", title=view.path.name)
+    for finding in found.findings:
+        style = "red" if finding.bad else "yellow" if finding.advice else ""
+        table.add_row(finding.what, finding.found, finding.advice or "good", style=style)
+    print_table(table)
+    hashes = {f"film, {view.path.name}": sha256(view.path)}
+    provenance = report.Provenance(command=typed(), hashes=hashes, versions=versions())
+    console.print(f"page to click pivot, tip and marks on: {write_check(page, found, view.path, rig, provenance)}")
 
 
 @contextmanager

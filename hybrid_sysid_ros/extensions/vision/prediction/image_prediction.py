@@ -15,7 +15,7 @@ from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.motion_prediction import DRIFTS, MotionAhead
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, steadied
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.likeness import structural_similarity
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer, Renderer
@@ -177,19 +177,18 @@ def judged(
 
 
 def foreseen(
-    video: Path, model: PictureModel, rig: Rig, record: Record, watched: Watched, reader: AngleReader, *,
-    motion: CameraMotion | None = None,
-) -> list[Judged]:  # fmt: skip
-    """Frames of a film that a model predicts, beside what came with the camera's motion taken out; the mean picture is
-    that of the whole film. Raises UserError where the film can't be read, or is too short to predict anything.
+    view: FilmView, model: PictureModel, rig: Rig, record: Record, watched: Watched, reader: AngleReader
+) -> list[Judged]:
+    """Frames of a film that a model predicts, beside what came; the mean picture is that of the whole film. Raises
+    UserError where the film can't be read, or is too short to predict anything.
     """
     noise = camera_loop.frame_noise(rig, reader.layers.background.shape[1])
     found = list(looks(model, rig, record, watched, noise=noise))
     if not found:
-        raise UserError(f"{video}: is too short to predict {max(AHEAD):g} s of it: {SETTLED + max(AHEAD) + APART:g} s")
+        raise UserError(f"{view.path}: is too short to predict {max(AHEAD):g} s of it")
     wanted = {number for look in found for number in (look.frame, look.newest)}
     film, total, count = dict[int, Picture](), np.zeros(reader.layers.background.shape), 0
-    for count, (_, picture) in enumerate(steadied(video, motion), start=1):
+    for count, (_, picture) in enumerate(view.pictures(), start=1):
         total += picture
         if count - 1 in wanted:
             film[count - 1] = picture
@@ -212,7 +211,7 @@ def of_video(
     known = calibrated(layers, film)
     drawn = PictureModel(model=model, renderer=LayerRenderer(known, exposure=exposure))
     record = bags.read(bag, rig.signals, period=model.sampling.step)
-    return foreseen(video, drawn, rig, record, watched, AngleReader(known), motion=film.footage.motion)
+    return foreseen(film.footage.view or FilmView(path=video), drawn, rig, record, watched, AngleReader(known))
 
 
 @dataclass(frozen=True, kw_only=True)

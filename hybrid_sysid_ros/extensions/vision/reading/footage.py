@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.film import format_of
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, FreeReading, Reading
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, steadied
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, FilmView
 from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
 from hybrid_sysid_ros.extensions.vision.reading.learning import FEWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
@@ -55,10 +54,15 @@ class Footage:
     """Some of them, with their times and what was read."""
     stated_rate: float
     """What the film's head says [Hz]."""
-    motion: CameraMotion | None = None
-    """The camera's own, which was taken out; None where it was not measured."""
+    view: FilmView | None = None
+    """As which the film was read."""
     wander: float = 0.0
     """How far the joint's pivot moves in the pictures, rms [pixels]."""
+
+    @property
+    def motion(self) -> CameraMotion | None:
+        """The camera's own, which was taken out; None where it was not measured."""
+        return None if self.view is None else self.view.motion
 
     @property
     def rate(self) -> float:
@@ -74,10 +78,8 @@ class Footage:
     def remarks(self) -> list[str]:
         """What a user should know of the film, in a line each."""
         found = []
-        if self.motion is not None and not self.motion.steady:
-            found.append(
-                f"the camera moves by {self.motion.shake:.2g} pixels, rms, by what stands in the pictures: taken out"
-            )
+        if (motion := self.motion) is not None and not motion.steady:
+            found.append(f"the camera moves by {motion.shake:.2g} pixels, rms, by what stands: taken out")
         if self.stated_rate and abs(self.rate / self.stated_rate - 1.0) > OTHER_RATE:
             found.append(f"its head says {self.stated_rate:.4g} pictures/s, their times {self.rate:.4g}: these count")
         if self.frozen.any():
@@ -87,33 +89,32 @@ class Footage:
         return found
 
 
-def picked(path: Path, count: int = LEARNED_FROM, *, motion: CameraMotion | None = None) -> Film:
-    """Pictures of a film to learn from (pictures, rows, columns), the camera's motion taken out: of each of as many
-    parts the one with least motion, so that none is smeared.
+def picked(view: FilmView, count: int = LEARNED_FROM) -> Film:
+    """Pictures of a film to learn from (pictures, rows, columns): of each of as many parts the one with least motion,
+    so that none is smeared.
 
     Raises UserError where the film can't be read, is too short, or changes its size.
     """
     moved, before, shape = list[float](), None, None
-    for time, picture in steadied(path, motion):
+    for time, picture in view.pictures():
         few = picture[::4, ::4].astype(np.int16)
         if shape not in (None, picture.shape):
-            raise UserError(f"{path}: its pictures change their size at {time:.3g} s: cut it there")
+            raise UserError(f"{view.path}: its pictures change their size at {time:.3g} s: cut it there")
         shape = picture.shape
         moved.append(float(np.abs(few - before).mean()) if before is not None else np.inf)
         before = few
     if len(moved) < FEWEST:
-        raise UserError(f"{path}: has {len(moved)} pictures: {FEWEST} at least are needed to learn from")
+        raise UserError(f"{view.path}: has {len(moved)} pictures: {FEWEST} at least are needed to learn from")
     edges = np.linspace(0, len(moved), min(count, len(moved)) + 1).astype(int)
     steady = np.maximum(moved, np.append(moved[1:], np.inf))
     chosen = {a + int(np.argmin(steady[a:b])) for a, b in itertools.pairwise(edges)}
-    return np.stack([picture for k, (_, picture) in enumerate(steadied(path, motion)) if k in chosen])
+    return np.stack([picture for k, (_, picture) in enumerate(view.pictures()) if k in chosen])
 
 
 def followed(
-    path: Path, reader: AngleReader, lamp: Lamp | None, *, motion: CameraMotion | None = None,
-    progress: Callable[[int], object] = lambda count: None,
-) -> Footage:  # fmt: skip
-    """What each picture of a film says by layers, the camera's motion taken out.
+    view: FilmView, reader: AngleReader, lamp: Lamp | None, *, progress: Callable[[int], object] = lambda count: None
+) -> Footage:
+    """What each picture of a film says by layers.
 
     Raises UserError where the film can't be read, has another size, shows something else than the layers, or shakes
     in a way that can't be taken out.
@@ -121,7 +122,7 @@ def followed(
     rows, times, lamps, free = list[Reading](), list[float](), list[float](), list[FreeReading]()
     frozen, shown, sceneries = list[bool](), list[tuple[float, Picture, Reading]](), list[Array]()
     before, run, every = None, 0, 1
-    for time, picture in steadied(path, motion):
+    for time, picture in view.pictures():
         reading = reader.read(picture)
         run = run + 1 if before is not None and np.array_equal(picture, before) else 0
         before = picture
@@ -139,22 +140,22 @@ def followed(
             progress(len(rows))
     layers, angles = reader.layers, np.array([row.angle for row in rows])
     if len(rows) < 2:
-        raise UserError(f"{path}: has one picture only")
+        raise UserError(f"{view.path}: has one picture only")
     lost = float(np.isnan(angles).mean())
     if np.median([item[1].mean() for item in shown]) < LIT * layers.background.mean():
-        raise UserError(f"{path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
-    steady = steady_angles(rows, free, motion, layers)
+        raise UserError(f"{view.path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
+    steady = steady_angles(rows, free, view.motion, layers)
     for first in range(0, max(len(sceneries) - LOOKS // 2, 1), LOOKS // 2):
         stands = reader.standing(sceneries[first : first + LOOKS])
         if stands < STANDS:
             raise UserError(
-                f"{path}: what stands in it {_when(times, first)}is not where it was when the layers of "
+                f"{view.path}: what stands in it {_when(times, first)}is not where it was when the layers of "
                 f"{layers.geometry.rig} were learned (correlation {stands:.3f}, {STANDS:g} at least): the camera was "
                 f"moved, or it is another rig's film; {'cut it there' if first else 'learn them again (--learn)'}"
             )
     if lost > LOST:
         raise UserError(
-            f"{path}: {lost:.0%} of its pictures are not what the layers of {layers.geometry.rig} explain: "
+            f"{view.path}: {lost:.0%} of its pictures are not what the layers of {layers.geometry.rig} explain: "
             "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
     still, angles = np.array(frozen), steady.angles
@@ -170,8 +171,8 @@ def followed(
         lamp=np.array(lamps),
         frozen=still,
         shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
-        stated_rate=format_of(path).rate,
-        motion=motion,
+        stated_rate=format_of(view.path).rate,
+        view=view,
         wander=steady.wander,
     )
 

@@ -48,12 +48,14 @@ NO_AXIS = 0.1  # of a sprite's second moments: it is as long as broad
 
 
 def learn(
-    film: Film, rig: Rig, *, readout: float, progress: Callable[[str], object] = lambda stage: None
-) -> tuple[PictureLayers, Array]:
+    film: Film, rig: Rig, *, readout: float, sized: bool = True,
+    progress: Callable[[str], object] = lambda stage: None,
+) -> tuple[PictureLayers, Array]:  # fmt: skip
     """The layers of pictures (pictures, rows, columns) of a rig's scene, and their angles (pictures,) [rad].
 
     The first angles are those by which what differs from the median is turned about the scene's pivot; then background,
     sprite, angles and pivot are improved in turn, each in closed form. readout [s]: see :class:`~.layers.Geometry`.
+    sized: whether the scene says how large the sprite is in these pictures, too.
 
     Raises UserError where there are too few pictures, or too small ones, nothing moves, or what moves does not turn or
     is of another size than the scene's sprite.
@@ -109,10 +111,10 @@ def learn(
             break
         layers, angles[good], far = _pivoted(film[good], gains[good], angles[good], layers, reader)
     share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
-    if not ITS_REACH[0] < share < ITS_REACH[1]:
+    if sized and not ITS_REACH[0] < share < ITS_REACH[1]:
         raise UserError(
             f"what turns in the pictures reaches {share:.0%} as far from its pivot as the scene of {rig.name} says: is "
-            f"it a video of {rig.name}?"
+            f"it a video of {rig.name}? If it is, say where the pivot is (--pivot X,Y), or click it (--check)"
         )
     return replace(layers, geometry=replace(layers.geometry, zero=_zero(layers, rig))), angles
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import Judged
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import Reading
+from hybrid_sysid_ros.extensions.vision.reading.film_check import FilmCheck
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import MotionSource
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.synchronisation import low_passed
@@ -56,6 +57,17 @@ def lamp(record: VideoRecord) -> go.Figure:
     figure.update_yaxes(title="[counts]", row=1, col=1, secondary_y=False)
     figure.update_yaxes(visible=False, secondary_y=True)
     return timed(figure, 1)
+
+
+def checked(check: FilmCheck) -> str:
+    """The median picture of a film, what moves in it red and what stands by which the camera is known green, as a PNG
+    for a page.
+    """
+    colours = np.repeat(check.picture[:, :, None], 3, axis=2)
+    colours[check.moving, 0] = np.maximum(colours[check.moving, 0], 160)
+    for x, y in np.rint(check.features).astype(int):
+        colours[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] = (24, 160, 88)
+    return png(colours)
 
 
 def overlaid(picture: Picture, reading: Reading, layers: PictureLayers) -> str:

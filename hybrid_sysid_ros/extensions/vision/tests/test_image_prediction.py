@@ -28,6 +28,7 @@ from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import (
 )
 from hybrid_sysid_ros.extensions.vision.prediction.motion_prediction import DRIFTS
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer, Renderer
@@ -163,7 +164,7 @@ def test_pictures_of_a_film_are_predicted_and_shown(model_folder: Path, tmp_path
     bag, film = tmp_path / "bag", tmp_path / "film.mp4"
     filmed(RIG, "multisine", bag, film, CAMERA, seed=3, duration=6.0, rate=200.0, crf=10)
     layers, model = painted_layers(RIG, CAMERA), load_model(model_folder)
-    footage = followed(film, AngleReader(layers), None)
+    footage = followed(FilmView(path=film), AngleReader(layers), None)
     record = joined(footage, layers, RIG, bag, exposure=CAMERA.exposure)
     rows = of_video(film, model, RIG, bag, record, layers, exposure=CAMERA.exposure)
     found = Summary.of(rows, 0.5)

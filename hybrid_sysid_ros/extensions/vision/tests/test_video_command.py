@@ -23,7 +23,7 @@ from hybrid_sysid_ros.extensions.vision.camera.film import CRF, write_film
 from hybrid_sysid_ros.extensions.vision.camera.filming import BEFORE, SceneMotion, experiment, film
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import motion_of_camera
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -157,9 +157,7 @@ def test_the_motion_of_a_camera_that_shakes_is_taken_out(beam: Filmed, tmp_path:
     ]
     path, layers = tmp_path / "film.mp4", PictureLayers.load(beam.layers)
     write_film(path, shaken, rate=30.0, preset="superfast")
-    motion = motion_of_camera(path, layers.background)
-    assert motion is not None
-    footage = followed(path, AngleReader(layers), None, motion=motion)
+    footage = followed(FilmView(path=path).steadied(layers.background), AngleReader(layers), None)
     assert "the camera moves by" in " ".join(footage.remarks())
     true = np.interp(footage.seen - BEFORE, beam.motion.times, beam.motion.angles)
     assert np.degrees(np.std(footage.angles - true)) < 0.06  # .03 at twice the width

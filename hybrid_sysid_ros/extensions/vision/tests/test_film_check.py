@@ -1,0 +1,102 @@
+"""What a film lacks is said before it is read; pivot, scene and marks can be given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("av", reason="needs the extra video")
+pytest.importorskip("cv2", reason="needs the extra video")
+
+import cv2
+
+from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.extensions.vision.camera.film import write_film
+from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView, squared, squaring
+from hybrid_sysid_ros.extensions.vision.reading.film_check import Finding, film_check
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from tests.command_line import Answer, refused
+
+RIG, CAMERA = load("cam_beam"), Camera(width=240, height=136)
+TIMES: Array = np.arange(0.0, 6.0, 0.001, dtype=np.float64)
+ANGLES: Array = 0.08 * np.sin(2.0 * np.pi * 0.6 * TIMES)
+MARKS: Array = np.array([[40.0, 30.0], [200.0, 20.0], [210.0, 115.0], [35.0, 100.0]])
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[tuple[float, Picture]]:
+    imager = Imager(scene_of(RIG), CAMERA, seed=1)
+    return [(time, imager.take(time, TIMES, ANGLES)) for time in (0.1 + np.arange(130) / 30.0).tolist()]
+
+
+def _found(
+    frames: list[tuple[float, Picture]], folder: Path, change: Callable[[Picture], Picture]
+) -> dict[str, Finding]:
+    path = folder / "film.mp4"
+    write_film(path, [(time, change(picture)) for time, picture in frames], rate=30.0, preset="superfast")
+    check = film_check(FilmView(path=path), exposure=0.008, marks=None)
+    return {finding.what: finding for finding in check.findings}
+
+
+def test_a_sound_film_lacks_only_marks(frames: list[tuple[float, Picture]], tmp_path: Path) -> None:
+    found = _found(frames, tmp_path, lambda picture: picture)
+    assert {what for what, finding in found.items() if finding.advice} == {"square view"}
+
+
+@pytest.mark.parametrize(
+    ("what", "change", "words"),
+    [
+        ("light", lambda picture: picture // 12, "dark"),
+        ("motion", lambda picture: np.full_like(picture, 90), "move the rig"),
+    ],
+)
+def test_what_a_film_lacks_is_said(
+    what: str, change: Callable[[Picture], Picture], words: str, frames: list[tuple[float, Picture]], tmp_path: Path
+) -> None:
+    assert words in _found(frames, tmp_path, change)[what].advice
+
+
+def test_a_shaking_camera_is_said(frames: list[tuple[float, Picture]], tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+
+    def shaken(picture: Picture) -> Picture:
+        return np.ascontiguousarray(np.roll(picture, random.integers(-1, 2, 2).tolist(), axis=(0, 1)))
+
+    assert "tripod" in _found(frames, tmp_path, shaken)["tripod"].advice
+
+
+def test_a_page_is_written_to_click_on(
+    call: Callable[..., Answer], frames: list[tuple[float, Picture]], tmp_path: Path
+) -> None:
+    write_film(tmp_path / "film.mp4", frames, rate=30.0, preset="superfast")
+    run = partial(call, app.main, "hybrid-sysid", "video", str(tmp_path / "film.mp4"))
+    status, reported, error = run("--check")
+    assert status == 0, error
+    assert "square view" in reported
+    assert 'id="clicks"' in (tmp_path / "film.check.html").read_text(encoding="utf-8")
+    refused(run(), "--out", "--check")
+    refused(run("--out", str(tmp_path / "out"), "--pivot", "middle"), "--pivot middle", "two numbers")
+    (tmp_path / "scene.yaml").write_text("joint: beam\npivot: [0.5, 0.29]\nsprite: [{disc: 0.1}]\nmarks: [1, 2]\n")
+    refused(run("--out", str(tmp_path / "out"), "--scene", str(tmp_path / "scene.yaml")), "scene.yaml", "four corners")
+
+
+def test_four_marks_make_a_view_square() -> None:
+    """A picture that is seen from the side, and put right, is the one that is seen squarely."""
+    square = squaring(MARKS, (16.0, 9.0))
+    corners = cv2.perspectiveTransform(MARKS[:, None], square)[:, 0]
+    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    assert sides == pytest.approx([sides[0], sides[0] * 9 / 16] * 2, rel=1e-4)
+    upright = Imager(scene_of(RIG), Camera(width=240, height=136, noise=0.0)).take(1.0, TIMES, ANGLES)
+    oblique = squared(upright, np.linalg.inv(square).astype(np.float64))
+    inside = np.s_[45:90, 60:180]
+    assert np.abs(squared(oblique, square)[inside].astype(float) - upright[inside]).mean() < 4.0
+    with pytest.raises(UserError, match="clockwise"):
+        squaring(MARKS[::-1], (1.0, 1.0))
