@@ -151,6 +151,12 @@ class Estimator(ABC):
         self._last = self._newest = math.nan
         self._arrays["applied"][:] = 0.0
 
+    def loosen(self) -> None:
+        """Doubt the newest estimate as much as a first one, for a sensor that lied has a part in it; its mean stays."""
+        row = self._memory.moments["row"][self._memory.core["count"][0] - 1]
+        root = self._arrays["roots"][row]
+        root[:] = np.diag(np.hypot(np.linalg.norm(root, axis=1), self._arrays["start"]))
+
     def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """Measured outputs (outputs,) at ``time`` [s], NaN where one is missing, and the mean inputs (inputs,) since
         the measurement before.

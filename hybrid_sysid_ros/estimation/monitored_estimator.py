@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import and_
 
 import numpy as np
 
@@ -32,7 +33,7 @@ GAP = 3.5
 class MonitorSettings:
     """When an estimate is doubted. See :class:`~.sensor_monitor.SensorMonitor` for the first four."""
 
-    largest: float
+    largest: Sequence[float]
     least: float
     leave_after: float
     timeout: float
@@ -113,7 +114,10 @@ class MonitoredEstimator:
     def _judge(self, estimate: StateEstimate, applied: Array, elapsed: float) -> None:
         """Judge the evidence against an estimate, which begins anew where that lasts too long."""
         expected = self.expected(estimate, applied) if any(self.monitor.left_out) else None
+        used = [not out for out in self.monitor.left_out]
         self.monitor.judge(self.shown, estimate.normalised, expected, elapsed)
+        if any(map(and_, used, self.monitor.left_out)):
+            self.filter.loosen()
         self.diverged = bool((np.abs(estimate.disturbance) >= self._limits).any())
         astray = self.monitor.is_contradicted or self.diverged
         self._doubted = self._doubted + elapsed if astray else 0.0

@@ -101,21 +101,22 @@ class SensorMonitor:
         spare: Sequence[bool] | NDArray[np.bool_],
         noise: Sequence[float],
         *,
-        largest: float,
+        largest: Sequence[float],
         least: float,
         leave_after: float,
         timeout: float,
         covered: Sequence[bool] = (),
     ) -> None:
-        """spare: see :func:`spare_sensors`. noise: deviation of each sensor with its hum [output unit]. largest, least:
-        mean squares that are still plausible; least 0: none is too small. leave_after, timeout [s]: of suspicion, and
-        without a reading after which a sensor counts as missing. covered: outputs that a further channel shows, too.
+        """spare: see :func:`spare_sensors`. noise: deviation of each sensor with its hum [output unit]. largest
+        (outputs,), least: mean squares that are still plausible; least 0: none is too small. leave_after, timeout [s]:
+        of suspicion, and without a reading after which a sensor counts as missing. covered: outputs that a further
+        channel shows, too.
         """
         count = len(noise)
         self._covered = list(covered) or [False] * count
         self.left_out, self.counts = [False] * count, [0] * count
         self._spare, self._noise = list(map(bool, spare)), list(noise)
-        self._largest, self._least = largest, least
+        self._largest, self._least = list(largest), least
         self._leave_after, self._timeout = leave_after, timeout
         self._suspicion = [Suspicion(2.0 * leave_after) for _ in noise]
         self._silent, self._blamed, self._out = [0.0] * count, [BLAMELESS] * count, [0.0] * count
@@ -155,28 +156,28 @@ class SensorMonitor:
         worst = max(range(len(self.evidence)), key=lambda k: self._suspicion[k].seconds if self._spare[k] else -1.0)
         if self._suspicion[worst].seconds >= self._leave_after and self._may_leave(worst):
             self.left_out[worst], self._out[worst], self.evidence[worst] = True, 0.0, 0.0
-            self._mean[worst], self._long[worst] = CLEAREST * self._largest, 1.0
+            self._mean[worst], self._long[worst] = CLEAREST * self._largest[worst], 1.0
             self.counts[worst] += 1
 
     def _evidence(self, k: int, square: float, elapsed: float) -> float:
         if self.is_missing(k):
             return MISSING if not self._spare[k] else 0.0
         if math.isfinite(square):
-            square = min(square, CLEAREST * self._largest)  # so that one wild reading is no evidence
+            square = min(square, CLEAREST * self._largest[k])  # so that one wild reading is no evidence
             self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
-            square = min(square, LASTING * self._largest)  # so that it is forgotten soon
+            square = min(square, LASTING * self._largest[k])  # so that it is forgotten soon
             self._long[k] += min(elapsed / LONG_AVERAGE, 1.0) * (square - self._long[k])
-        large = self._large[k] = max(self._mean[k], LASTING * self._long[k]) / self._largest
+        large = self._large[k] = max(self._mean[k], LASTING * self._long[k]) / self._largest[k]
         small = self._least / self._long[k] if self._long[k] > 0.0 else CLEAREST * (self._least > 0.0)
         return max(large, small)
 
     def _readmit(self, k: int, reading: float, expected: float, elapsed: float) -> None:
         """Let a sensor back that agrees with the estimate, or whose time has come to be tried."""
-        square = min(((reading - expected) / self._noise[k]) ** 2, CLEAREST * self._largest)
+        square = min(((reading - expected) / self._noise[k]) ** 2, CLEAREST * self._largest[k])
         self._out[k] += elapsed
         if math.isfinite(square):
             self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
-        agrees = math.isfinite(square) and self._mean[k] < AGREES * self._largest
+        agrees = math.isfinite(square) and self._mean[k] < AGREES * self._largest[k]
         if self._suspicion[k].add(0.0 if agrees else CLEAREST, elapsed) == 0.0 or self._out[k] > TRIAL:
             self._admit(k)
 

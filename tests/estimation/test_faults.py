@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros.estimation import MovingHorizonEstimator
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_estimation import LINEAR, PERIOD, QUIET
@@ -154,3 +155,13 @@ def test_reset_forgets_everything(running):
     estimate = ours.update(0.0, np.array([0.04]), rest)
     np.testing.assert_array_equal(estimate.state, [0.04, 0.0])
     assert estimate.time == 0.0
+
+
+def test_a_loosened_estimate_stays_and_doubts_itself(running, kind):
+    """A sensor that lied has a part in it, so that the others must be believed more than before."""
+    ours, before, t, rest = running
+    ours.loosen()
+    estimate = ours.update(t + PERIOD, np.array([0.0]), rest)
+    assert estimate.state == pytest.approx(before.state, abs=1e-3)
+    if kind is not MovingHorizonEstimator:  # which computes its deviations anew from its horizon
+        assert np.all(np.diag(estimate.covariance) > np.diag(before.covariance))

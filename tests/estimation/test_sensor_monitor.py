@@ -21,7 +21,7 @@ STEP = 0.005
 
 
 def monitor(spare=(True, True), **changes):
-    given = {"largest": 9.0, "least": 0.02, "leave_after": 0.05, "timeout": 0.1, **changes}
+    given = {"largest": [9.0] * len(spare), "least": 0.02, "leave_after": 0.05, "timeout": 0.1, **changes}
     return SensorMonitor(spare, [1.0] * len(spare), **given)
 
 

@@ -1,0 +1,57 @@
+"""The vehicle's loop behind its guard: an honest offset of the elevator, and a sensor with the wrong sign."""
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.control.safety.failsafe import LoopState
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.runtime.guarded_loop import guarded_loop
+from hybrid_sysid_ros.runtime.parameters import shipped
+
+PERIOD, BEGIN = 0.02, 0.6
+PITCH_RATE, ANGLE = 4, 3
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    rig = load("winged_cone")
+    model = load_model(shipped(rig.name, "model"), rig=rig.source)
+    return rig, guarded_loop(rig, model, {"policy": "exact"})
+
+
+def flown(vehicle, seconds, *, offset=0.0, sign=1.0):
+    """States of the loop, and the plant in the end: with an offset of the elevator, and a sign of the pitch rate, from
+    BEGIN on.
+    """
+    rig, loop = vehicle
+    plant = Plant(rig, seed=3)
+    loop.estimator.begin()
+    loop.begin()
+    now, inputs, levels = np.zeros(len(rig.sensors)), loop.input.copy(), set()
+    for k in range(round(seconds / PERIOD)):
+        late = k * PERIOD >= BEGIN
+        readings = plant.sensed()
+        readings[PITCH_RATE] *= sign if late else 1.0
+        plant.bias[1] = offset if late else 0.0
+        estimate = loop.estimator.update(k * PERIOD, readings, inputs)
+        inputs = loop.control(estimate, inputs, now, np.tile(now, (loop.controller.horizon, 1)), PERIOD).copy()
+        levels.add(loop.level)
+        for _ in range(rig.steps(PERIOD, "the period")):
+            plant.advance(inputs)
+    return levels, plant
+
+
+@pytest.mark.parametrize("offset", [-0.009, 0.009])
+def test_an_offset_of_three_of_the_certificate_s_deviations_is_no_fault(vehicle, offset):
+    levels, plant = flown(vehicle, 3.0, offset=offset)
+    assert levels == {LoopState.DRIVING}
+    assert abs(plant.state[ANGLE]) < 0.01
+
+
+def test_a_pitch_rate_of_the_wrong_sign_is_left_out_before_the_vehicle_is_lost(vehicle):
+    levels, plant = flown(vehicle, 3.0, sign=-1.0)
+    assert vehicle[1].estimator.monitor.counts == [0, 0, 0, 0, 1]
+    assert LoopState.RESTING not in levels
+    assert abs(plant.state[ANGLE]) < 0.01
