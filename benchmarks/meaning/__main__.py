@@ -10,14 +10,20 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.meaning import mockup, shots, words
+from benchmarks.meaning import films, friction, mockup, shots, words
 from benchmarks.meaning.rows import Row
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.support.errors import UserError
 
 NAME = "meaning"
 Part = Callable[[], tuple[Mapping[str, Any], list[Row]]]
-PARTS: Mapping[str, Part] = {"words": words.measured, "shots": shots.measured, "mockup": mockup.measured}
+PARTS: Mapping[str, Part] = {
+    "words": words.measured,
+    "films": films.measured,
+    "friction": friction.measured,
+    "shots": shots.measured,
+    "mockup": mockup.measured,
+}
 
 
 def main() -> int:

@@ -89,6 +89,10 @@ class FilmCase:
     black: tuple[float, float] = (0.0, 0.0)
     rest: float = 1.0
     """s at rest before the motion."""
+    pace: float = 1.0
+    """Seconds of the film's times in a second."""
+    read_as: str = ""
+    """The rig that the film is said to be of; "": what it is."""
     seed: int = 0
 
 
@@ -322,6 +326,6 @@ def write(path: Path, renderer: SecondRenderer) -> None:
         stream.time_base = stream.codec_context.time_base = Fraction(1, ticks)
         for time, picture in renderer.pictures():
             frame = av.VideoFrame.from_ndarray(picture, format="gray")
-            frame.pts, frame.time_base = round(time * ticks), Fraction(1, ticks)
+            frame.pts, frame.time_base = round(time * case.pace * ticks), Fraction(1, ticks)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())

@@ -1,0 +1,122 @@
+"""Films: forty of the second renderer, read as ``hybrid-sysid video`` does; what was measured of one is kept.
+
+Kept are the answers in out/meaning_films, so that a run that was cut goes on; delete the folder to begin anew.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from benchmarks.meaning.film_cases import SOUND, SPOILT
+from benchmarks.meaning.rows import Row
+from benchmarks.meaning.second_renderer import FilmCase, SecondRenderer, write
+from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
+from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
+from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, joined
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.support.errors import UserError
+
+KEPT = Path("out/meaning_films")
+RIGHTLY, WORST, LEVEL, INSIDE, SHAKE = 38, 0.03, 1.645, (0.85, 0.95), "one pixel of shake"
+"""Asked: films that are read or refused rightly; error of an accepted one [degrees rms]; share of the pictures inside
+their 90 % intervals; the names of those with a pixel of shake begin so."""
+
+
+def read(film: Path, rig: Rig, bag: Path | None, case: FilmCase) -> VideoRecord:
+    """As the command does, without layers. Raises UserError as it does."""
+    view = FilmView(path=film).steadied()
+    sized = case.size == 1.0
+    layers, _ = learn(picked(view), rig, readout=case.readout, sized=sized)
+    footage = followed(view, AngleReader(layers), None)
+    return joined(footage, layers, rig, bag, exposure=case.exposure)
+
+
+def answer(case: FilmCase) -> dict[str, Any]:
+    """Errors of a film that is accepted [degrees], or why it is refused."""
+    rig = load(case.rig)
+    reach = max(patch.reach for patch in scene_of(rig).sprite)
+    with TemporaryDirectory() as folder:
+        bag, film = Path(folder) / "bag", Path(folder) / "film.mp4"
+        motion = experiment(rig, case.kind, bag, seed=case.seed, duration=case.seconds, rate=200.0)
+        renderer = SecondRenderer(case, motion.times, motion.angles, reach)
+        write(film, renderer)
+        try:
+            record = read(film, load(case.read_as or case.rig), None if case.read_as else bag, case)
+        except UserError as refusal:
+            return {"refused": str(refusal)}
+    footage = record.footage
+    known = np.isfinite(footage.angles)
+    error = np.degrees(record.positions - renderer.truth(footage.seen))[known]
+    error -= error.mean()  # the zero is a gauge
+    deviation = np.degrees(footage.deviations[known])
+    return {
+        "rms": float(np.sqrt(np.mean(error**2))),
+        "stated": float(np.sqrt(np.mean(deviation**2))),
+        "inside": float(np.mean(np.abs(error) <= LEVEL * deviation)),
+        "lost": float(1.0 - known.mean()),
+    }
+
+
+def kept(case: FilmCase) -> dict[str, Any]:
+    """The answer, as it was kept for the same case, or as it is now."""
+    path = KEPT / f"{re.sub('[^a-zA-Z0-9]+', '_', case.name)}.json"
+    told = json.loads(json.dumps(asdict(case)))
+    if path.exists():
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if found["case"] == told:
+            return dict(found["answer"])
+    found = {"case": told, "answer": answer(case)}
+    KEPT.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print(f"  {case.name}: {found['answer']}", flush=True)
+    return dict(found["answer"])
+
+
+def rightly(case: FilmCase, found: Mapping[str, Any]) -> bool:
+    """Whether a film was refused for its reason, or read well."""
+    if case.wrong:
+        return re.search(case.wrong, found.get("refused", "")) is not None
+    return bool(found.get("rms", np.inf) <= WORST)
+
+
+def measured() -> tuple[Mapping[str, Any], list[Row]]:
+    """All films."""
+    cases = (*SOUND, *SPOILT)
+    found = {case.name: kept(case) for case in cases}
+    accepted = {name: item for name, item in found.items() if "rms" in item}
+    inside = [item["inside"] for item in accepted.values()]
+    shaken = [item.get("rms", 0.0) for name, item in found.items() if name.startswith(SHAKE)]
+    rows = [
+        Row(
+            name=f"films read or refused rightly, of {len(cases)}", asked=RIGHTLY,
+            measured=sum(rightly(case, found[case.name]) for case in cases),
+        ),
+        Row(
+            name="largest error of an accepted film [degrees rms]", asked=WORST, at_most=True,
+            measured=max((item["rms"] for item in accepted.values()), default=0.0),
+        ),
+        Row(name="pictures inside their 90 % intervals, mean of the films", asked=INSIDE[0], measured=_mean(inside)),
+        Row(name="the same, at most", asked=INSIDE[1], measured=_mean(inside), at_most=True),
+        Row(name="error under a pixel of shake [degrees rms]", asked=WORST, measured=max(shaken), at_most=True),
+    ]  # fmt: skip
+    return {"films": found, "wrongly": list(_wrongly(cases, found))}, rows
+
+
+def _wrongly(cases: tuple[FilmCase, ...], found: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    return (case.name for case in cases if not rightly(case, found[case.name]))
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else np.nan

@@ -1,0 +1,116 @@
+"""Friction: identified from films of four rigs, beside what the rigs' own sensors say; answers are kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from benchmarks.meaning.films import KEPT, read
+from benchmarks.meaning.rows import Row
+from benchmarks.meaning.second_renderer import FilmCase, SecondRenderer, write
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.rollout import one_step
+from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
+from hybrid_sysid_ros.extensions.vision.reading import video_record
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.identification import identify
+from hybrid_sysid_ros.identification.validation.friction_curve import friction_curve
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+SECONDS, RATE, ASKED = 20.0, 60.0, 0.03
+DISC: Mapping[str, Any] = {"joint": "bit", "pivot": [0.5, 0.281], "sprite": [{"disc": 0.2}]}
+"""The drill string's scene: its bit, seen along the shaft."""
+FILMED: Mapping[str, tuple[str, ...]] = {
+    "cam_beam": ("multisine", "random_steps"),
+    "flexible_joint": ("multisine", "random_steps"),
+    "wheel_motor": ("multisine", "random_steps"),
+    "drill_string": ("random_steps", "slow_steps"),
+}
+INSTANT = 1e-6  # s
+
+
+def filmed_rig(name: str) -> Rig:
+    """A rig with a scene."""
+    rig = load(name)
+    return rig if "scene" in rig.content else replace(rig, content={**rig.content, "scene": DISC})
+
+
+def records(rig: Rig, kind: str, seed: int) -> tuple[Record, Record]:
+    """By the rig's own sensors, and with the film in the place of the joint's."""
+    scene = scene_of(rig)
+    pivot = (float(scene.pivot[0]), float(scene.pivot[1]))
+    case = FilmCase(
+        name=f"{rig.name}, {kind}", rig=rig.name, kind=kind, seconds=SECONDS, rate=RATE, width=480, height=270,
+        exposure=0.004, readout=0.008, pivot=pivot, seed=seed,
+    )  # fmt: skip
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        motion = experiment(rig, kind, folder / "bag", seed=seed, duration=SECONDS, rate=200.0)
+        reach = max(patch.reach for patch in scene.sprite)
+        write(folder / "film.mp4", SecondRenderer(case, motion.times, motion.angles, reach))
+        record = read(folder / "film.mp4", rig, folder / "bag", case)
+        seen = video_record.at_rate(record, video_record.usual_rate(record))
+        video_record.write(
+            seen, rig, scene.joint, folder / "bag", folder / "seen", replace=False, made_by="benchmarks.meaning"
+        )
+        video_record.write_signals(folder / "signals.yaml", rig, scene.joint)
+        signals = Signals.load(folder / "signals.yaml").ordered(rig.system.inputs, rig.system.outputs)
+        return bags.read(folder / "bag", rig.signals), bags.read(folder / "seen", signals)
+
+
+def friction(system: System, speeds: Array) -> Array:
+    """Over speeds (speeds,): as an input where that is one number, and otherwise as what it takes of the speed that
+    rubs, at rest of all else [1/s].
+    """
+    try:
+        return friction_curve(system, speeds).inputs
+    except UserError:
+        names = [item.name for item in system.states]
+        rubs = names.index(next(iter(system.contacts)).on)
+
+        def lost(speed: float) -> float:
+            state = np.zeros(len(names))
+            state[rubs] = speed
+            return float(speed - one_step(system, state, np.zeros(len(system.inputs)), step=INSTANT)[rubs]) / INSTANT
+
+        return np.array([0.5 * (lost(speed) - lost(-speed)) for speed in speeds.tolist()])
+
+
+def difference(name: str) -> float:
+    """Relative rms difference of the friction by film from that by the rig's sensors."""
+    path = KEPT / f"friction_{name}.json"
+    if path.exists():
+        return float(json.loads(path.read_text(encoding="utf-8"))["difference"])
+    rig = filmed_rig(name)
+    pairs = [records(rig, kind, seed) for seed, kind in enumerate(FILMED[name])]
+    own, seen = (identify([pair[k] for pair in pairs], rig, "gray", sampling=Sampling(), seed=0) for k in (0, 1))
+    rubs = next(iter(rig.system.contacts)).on
+    low, high = own.training_range[rubs]
+    speeds = max(-low, high) * np.linspace(0.05, 1.0, 40)
+    found = float(np.sqrt(np.mean((friction(seen.system, speeds) / friction(own.system, speeds) - 1.0) ** 2)))
+    KEPT.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"difference": found}), encoding="utf-8")
+    print(f"  {name}: {found:.2%}", flush=True)
+    return found
+
+
+def measured() -> tuple[Mapping[str, Any], list[Row]]:
+    """All four rigs."""
+    found = {name: difference(name) for name in FILMED}
+    rows = [
+        Row(name=f"friction by film beside the sensors', {name}", asked=ASKED, measured=value, at_most=True)
+        for name, value in found.items()
+    ]
+    return {"seconds": SECONDS, "pictures_per_second": RATE, "difference": found}, rows
