@@ -18,6 +18,11 @@ def _autopilot(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     return found, [autopilot.table(found)]
 
 
+def _scheduled(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = autopilot.scheduled_measured(rig)
+    return found, [autopilot.table(found)]
+
+
 def _identification(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     found = identification.measured(rig)
     return found, identification.tables(found)
@@ -45,6 +50,7 @@ def _regions(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
 
 PARTS = {
     "autopilot": _autopilot,
+    "scheduled": _scheduled,
     "identification": _identification,
     "hybrids": _hybrids,
     "regions": _regions,

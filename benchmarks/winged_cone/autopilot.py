@@ -1,8 +1,11 @@
-"""The autopilot on plants with the uncertain parameters at all their corners, and anywhere between."""
+"""The autopilot on plants with the uncertain parameters at all their corners, and anywhere between; and with its
+feed-forward scheduled by what was identified of each plant.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -10,7 +13,9 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.winged_cone import flights
+from benchmarks.winged_cone.identification import fitted
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.trim.feed_forward import scheduled
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -29,6 +34,8 @@ SECONDS = 90.0
 """Flown after the step."""
 BAND = 0.02
 ANGLE_OF_ATTACK = 3
+CORNERS = 2 ** len(flights.UNCERTAIN)
+IDENTIFIED = "known_air"
 
 
 def drawn(system: System) -> Iterator[System]:
@@ -47,21 +54,40 @@ def judged(time: Array, values: Array, step: float) -> tuple[float, float]:
 
 
 def measured(rig: Rig) -> dict[str, Any]:
-    """Each manoeuvre on all plants, with the sensors' noise; judged by the true states, from the step on."""
-    found: dict[str, Any] = {}
+    """All plants under the rig's own feedback."""
     plants = list(drawn(rig.system))
+    return flown(plants, [rig] * len(plants))
+
+
+def scheduled_measured(rig: Rig) -> dict[str, Any]:
+    """The corners, each with the feed-forward of a model that one record of it taught."""
+    assert rig.experiments.feedback is not None
+    plants, rigs = list(drawn(rig.system))[:CORNERS], []
+    for number, plant in enumerate(plants):
+        model, _ = fitted(rig, plant, IDENTIFIED, number)
+        feedback = scheduled(rig.experiments.feedback, model.system)
+        rigs.append(replace(rig, experiments=replace(rig.experiments, feedback=feedback)))
+    return flown(plants, rigs)
+
+
+def flown(plants: Sequence[System], rigs: Sequence[Rig]) -> dict[str, Any]:
+    """Each manoeuvre on plants, each under the feedback of its rig, with the sensors' noise; judged by the true states,
+    from the step on.
+    """
+    found: dict[str, Any] = {}
+    rig = rigs[0]
     for name, moved in MANOEUVRES.items():
         signals = flights.steps(rig, {output: STEPS[output] for output in moved}, SECONDS)
-        flown = [
-            flights.fly(rig, system, signals, seed=number).since(flights.SETTLING)
-            for number, system in enumerate(plants)
+        runs = [
+            flights.fly(own, system, signals, seed=number).since(flights.SETTLING)
+            for number, (own, system) in enumerate(zip(rigs, plants, strict=True))
         ]
         offset = rig.system.operating_point["angle_of_attack"]
-        angles = np.degrees(np.array([flight.states[:, ANGLE_OF_ATTACK] for flight in flown]) + offset)
+        angles = np.degrees(np.array([flight.states[:, ANGLE_OF_ATTACK] for flight in runs]) + offset)
         row: dict[str, Any] = {"plants": len(plants), "angle_of_attack": [float(angles.min()), float(angles.max())]}
         for output in moved:
-            values = [flight.states[:, STATES[output]] for flight in flown]
-            settling, overshoot = zip(*(judged(flown[0].time, each, STEPS[output]) for each in values), strict=True)
+            values = [flight.states[:, STATES[output]] for flight in runs]
+            settling, overshoot = zip(*(judged(runs[0].time, each, STEPS[output]) for each in values), strict=True)
             row[output] = {
                 "held": sum(time < SECONDS - 1.0 for time in settling),
                 "settling": {"median": float(np.median(settling)), "max": max(settling)},
