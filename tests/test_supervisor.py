@@ -21,7 +21,6 @@ from hybrid_sysid_ros.control.safety.supervisor import (
     IMPROVED,
     INFEASIBLE,
     LAYERS,
-    NOISE_SHARE,
     OUT_OF_RANGE,
     REASONS,
     WAITING,
@@ -249,9 +248,9 @@ def test_a_plan_may_cost_a_part_of_a_sample_s_noise_more_than_the_step(case):
     matrix, right = case.least_squares(flat(instance))
     best = case.plan(flat(instance))
     more = np.sum((matrix @ (best.ravel() + 0.03) - right) ** 2) - np.sum((matrix @ best.ravel() - right) ** 2)
-    samples = case.problem.horizon / NOISE_SHARE
+    samples = case.problem.horizon / 0.1
     for share, reason in ((1.001, ACCEPTED), (0.999, IMPROVED)):
-        given = TOLERANCES._replace(cost=1e9, floor=share * samples * more, patience=0, step=(0.05,))
+        given = TOLERANCES._replace(cost=1e9, floor=share * samples * more, patience=0, step=(0.05,), noise=0.1)
         assert checked(case, policy_shifted(exact_policy(case), 0.03), instance, best, given) == reason
 
 

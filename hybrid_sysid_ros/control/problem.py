@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -191,7 +192,7 @@ class ControlProblem:
     @property
     def stage_weights(self) -> StageWeights:
         """Weights of one stage, for whole loops, for a problem that is :meth:`sized`."""
-        return self._weights(1)
+        return _stage_weights(self)
 
     def _weights(self, stages: int) -> StageWeights:
         outputs = np.array(self.output_weights) / np.array(self.output_scales) ** 2
@@ -204,6 +205,11 @@ class ControlProblem:
             linear=np.array(self.soft_linear),
             quadratic=np.array(self.soft_quadratic),
         )
+
+
+@lru_cache
+def _stage_weights(problem: ControlProblem) -> StageWeights:
+    return problem._weights(1)
 
 
 def _numbers(name: str, values: Any) -> Numbers:

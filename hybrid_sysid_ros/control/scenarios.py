@@ -200,7 +200,7 @@ def run(scenario: Scenario, problem: ControlProblem, control: Controls) -> LoopR
         stage = Instance(x, scenario.disturbances[k], u, scenario.references[k : k + 1])
         costs[k], excess = rollout(plant, weights, stage, inputs[k : k + 1], path)
         x, u = path[1].copy(), inputs[k]
-        most = max(most, excess if np.all(np.isfinite(x)) else np.inf)
+        most = max(most, excess if np.isfinite(x).all() else np.inf)
     states[periods] = x
     return LoopRun(states, inputs, costs, most)
 

@@ -214,6 +214,7 @@ def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: ControlProble
         disturbance=tuple(values["check_disturbance"]),
         patience=values["check_patience"],
         step=tuple(value or math.inf for value in values["check_step"]),
+        noise=values["check_noise"],
     )
 
 

@@ -37,11 +37,6 @@ REASONS = (
 REJECTIONS = tuple(REASONS[k] for k in (OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER))
 """Those that say what is wrong with an answer of the network."""
 
-NOISE_SHARE = 0.1
-"""Share of the cost of the sensors' noise at one sample by which a plan may cost more than the exact MPC's step. It
-adds up along a loop, and what it does to the state may cost more later, for example where a contact sticks or not.
-"""
-
 INPUT_ROUNDING = 1e-9
 """Largest distance of an input from its bounds [its unit]."""
 
@@ -62,6 +57,10 @@ class Tolerances(NamedTuple):
     step: Numbers = (math.inf,)
     """(m,), by how much one step of the exact MPC may move an input of the last plan, and the network's first input may
     differ from that step's, or one for all [their unit]; where it is infinite, no step is made."""
+    noise: float = 1.0
+    """By how much the network's plan may cost more than that step's, in shares of ``floor`` for one of the horizon's
+    samples. It adds up along a loop, and what it does to the state may cost more later, for example where a contact
+    sticks or not."""
 
 
 @kernel
@@ -171,7 +170,7 @@ class Supervisor:
         most = np.broadcast_to(np.array(tolerances.disturbance, dtype=float), (policy.inputs,)).copy()
         self._limits = most, float(tolerances.cost), float(tolerances.floor), float(tolerances.violation)
         self._patience = tolerances.patience
-        self._noise = NOISE_SHARE * float(tolerances.floor) / policy.horizon
+        self._noise = float(tolerances.noise * tolerances.floor) / policy.horizon
         self._step = np.array(tolerances.step, dtype=float)
         self._steps = bool(np.isfinite(self._step).any())
         self._flat, self._instance = new_instance(mpc.system, policy.problem)
@@ -247,7 +246,7 @@ class Supervisor:
 
     def _stepped(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
         """IMPROVED unless one step of the exact MPC leaves the last plan nearly as it is, and the network agrees with
-        it in its first inputs and, but for a part of one sample's noise, in its cost.
+        it in its first inputs and, but for the noise that is allowed, in its cost.
 
         A plan that a step moves, if only later on, may be far from the solution, so that nobody knows what the network
         should have answered. The last plan stays as it was, but for one in real time that they agree with: this step is
@@ -265,7 +264,7 @@ class Supervisor:
 
     def _near(self, one: Array, other: Array) -> bool:
         """Whether inputs (m,), or plans (N, m), differ by no more than the tolerance of a step."""
-        return bool(np.all(np.abs(one - other) <= self._step))
+        return bool((np.abs(one - other) <= self._step).all())
 
     def _fallback(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """The exact MPC's plan, or the rest of the last one, or the last applied inputs."""
