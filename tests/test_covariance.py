@@ -6,20 +6,29 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hybrid_sysid_ros.identification.fitting import LONGEST_LAG, covariances
+from hybrid_sysid_ros.identification.experiment import resample
+from hybrid_sysid_ros.identification.standard_errors import (
+    LONGEST_LAG,
+    block_spread,
+    confidence,
+    covariances,
+    secant_jacobian,
+    widening,
+)
+from hybrid_sysid_ros.models import Sampling
+from tests.linear_bench import record_of
 
 
 def by_double_sum(jacobian, residuals, edges, lags):
-    """H^-1 (sum of w_k s_t s_{t+k}' within each record, and the priors) H^-1, as Newey and West print it."""
+    """H^-1 (f sum of w_k s_t s_{t+k}' within each record, and the priors) H^-1, as Newey and West print it, widened."""
     inverse = np.linalg.inv(jacobian.T @ jacobian)
-    priors = jacobian[edges[-1] :]
-    middle = priors.T @ priors
+    priors, middle = jacobian[edges[-1] :], np.zeros_like(inverse)
     for begin, end in pairwise(edges):
         scores = jacobian[begin:end] * residuals[begin:end, None]
         for i in range(len(scores)):
             for j in range(len(scores)):
                 middle += max(0.0, 1 - abs(i - j) / (lags + 1)) * np.outer(scores[i], scores[j])
-    return inverse @ middle @ inverse
+    return inverse @ (widening(edges, lags) * middle + priors.T @ priors) @ inverse
 
 
 def test_it_is_the_sum_of_newey_and_west_within_each_record():
@@ -42,7 +51,8 @@ def test_long_records_are_unrelated_after_the_longest_lag():
     correlation = np.correlate(scores, scores, mode="full")[samples - 1 :][: LONGEST_LAG + 1]
     weights = 1 - np.arange(LONGEST_LAG + 1) / (LONGEST_LAG + 1)
     weights[1:] *= 2
-    assert robust[0, 0] == pytest.approx(weights @ correlation / np.sum(jacobian**2) ** 2, rel=1e-9)
+    expected = weights @ correlation / np.sum(jacobian**2) ** 2 * widening(np.array([0, samples]), LONGEST_LAG)
+    assert robust[0, 0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_what_only_priors_know_keeps_their_deviations():
@@ -106,3 +116,72 @@ def test_naive_errors_are_only_where_errors_are_white(repeated):
         assert ratios[2] == pytest.approx(np.sqrt(1.9 / 0.1), rel=0.1)
         assert ratios[0] > 3.0
         assert ratios[1] == pytest.approx(1.0, abs=0.1)
+
+
+def test_errors_are_widened_for_short_records_only():
+    """To the quantile of Student's distribution of 1.5 N / L degrees, and by what the fit took of the scores."""
+    assert widening(np.array([0, 10**6]), 0) == pytest.approx(1.0, abs=1e-4)
+    assert widening(np.array([0, 400, 800]), 99) == pytest.approx((1.782 / 1.645) ** 2 / (1 - 100 / 800), rel=2e-3)
+
+
+def test_two_that_act_as_one_are_unknown_and_a_third_is_not():
+    random = np.random.default_rng(0)
+    one, other = random.normal(size=(2, 200))
+    _, robust = covariances(np.column_stack([one, other, 2.0 * one]), random.normal(size=200), np.array([0, 200]))
+    assert not np.any(robust[[0, 2]])
+    assert robust[1, 1] == pytest.approx(covariances(other[:, None], one, np.array([0, 200]))[1][0, 0], rel=1.0)
+    assert robust[1, 1] > 0
+
+
+def test_a_known_error_of_the_rows_adds_what_it_moves():
+    """A constant error of the rows moves a mean by itself, and a slope about it by nothing."""
+    slope = np.linspace(-1.0, 1.0, 101)
+    jacobian, residuals = np.column_stack([np.ones(101), slope]), np.random.default_rng(0).normal(size=101)
+    edges = np.array([0, 101])
+    without = covariances(jacobian, residuals, edges)[1]
+    added = covariances(jacobian, residuals, edges, shifts=np.full((1, 101), 0.3))[1] - without
+    np.testing.assert_allclose(added, [[0.09, 0.0], [0.0, 0.0]], atol=1e-12)
+
+
+def test_an_anchor_counts_with_the_covariance_of_the_earlier_fit():
+    """A parameter that rests on a prior alone is known as well as the prior's centre is."""
+    jacobian = np.concatenate([np.zeros((50, 1)), [[1 / 3.0]]])
+    robust = covariances(jacobian, np.zeros(51), np.array([0, 50]), priors=np.array([[4.0]]))[1]
+    assert robust[0, 0] == pytest.approx(4.0 * 9.0)
+
+
+def test_a_corner_does_not_make_a_parameter_known():
+    """Rows that jump at one value of the parameter: their derivative there is a thousand times that of the way."""
+    random = np.random.default_rng(0)
+    noise, edges = random.normal(size=400), np.array([0, 400])
+
+    def rows(point):
+        return 0.1 * point[0] + 100.0 * np.clip(point[0], -1e-3, 1e-3) * (np.arange(400) == 7) + noise
+
+    exact = np.full((400, 1), 0.1)
+    exact[7] = 100.1
+    assert np.sqrt(covariances(exact, rows(np.zeros(1)), edges)[1][0, 0]) < 0.05
+    jacobian = secant_jacobian(rows, np.zeros(1), exact, edges)
+    assert np.sqrt(covariances(jacobian, rows(np.zeros(1)), edges)[1][0, 0]) == pytest.approx(0.5, rel=0.4)
+
+
+def test_errors_smaller_than_expected_may_weigh_more():
+    """White errors of a tenth of what the cost takes them for: by a factor of ten."""
+    random = np.random.default_rng(0)
+    jacobian, residuals = random.normal(size=(4000, 5)), 0.1 * random.normal(size=4000)
+    assert confidence(jacobian, residuals, np.array([0, 2000, 4000])) == pytest.approx(10.0, rel=0.15)
+
+
+def test_a_hum_whose_periods_fit_into_the_samples_is_seen_as_an_offset():
+    """60 Hz at 20 samples a second: the sine of its phase, in each record."""
+    time = np.arange(20001) * 0.001
+    record = record_of(np.ones((20001, 1)), (np.sin(time) + 0.1 * np.sin(2 * np.pi * 60 * time + 1.0))[:, None], 0.001)
+    assert resample(record, Sampling()).alias[0] == pytest.approx(0.1 * np.sin(1.0), rel=0.02)
+    assert abs(resample(record, Sampling(step=0.001, period=0.045)).alias[0]) < 1e-3
+
+
+def test_blocks_apart_spread_as_their_own_means():
+    """Of a mean: two records in two blocks each, whose errors have levels of their own."""
+    levels = np.repeat([0.3, -0.1, 0.4, 0.1], 50)
+    found = block_spread(np.ones((200, 1)), levels, np.array([0, 100, 200]))
+    assert found[0] == pytest.approx(np.std([0.3, -0.1, 0.4, 0.1], ddof=1) / 2)

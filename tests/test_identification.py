@@ -97,6 +97,7 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
     np.testing.assert_allclose((model.system.values - best.x[:5]) / naive, 0, atol=0.05)
     fitted = fit(model.system, [experiment], stages=(None,))
     np.testing.assert_allclose(fitted.spreads, naive, rtol=0.1)
+    robust[4] = np.hypot(robust[4], 0.0025)  # a delay is as well known as half a step: a finer one moves it by that
     np.testing.assert_allclose([model.standard_errors[name] for name in model.names], robust, rtol=0.3)
     assert np.all(np.abs(model.system.values - ENTRIES) < 3 * robust)
 

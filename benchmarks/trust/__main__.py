@@ -12,11 +12,15 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.trust import importing, records
+from benchmarks.trust import importing, intervals, records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 
 NAME = "trust"
-PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {"import": importing.measured, "check": records.measured}
+PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {
+    "import": importing.measured,
+    "check": records.measured,
+    "intervals": intervals.measured,
+}
 
 
 def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
@@ -28,6 +32,13 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("kinds of faults named first", part["kinds_named"], ">= 27 of 30", part["kinds_named"] >= 27))
         made.append(("good records accused", len(part["accused"]), f"0 of {part['good']}", not part["accused"]))
         made.append(("check [s]", part["check_seconds"], "< 10", part["check_seconds"] < 10.0))
+    for name, case in (found.get("intervals") or {}).items():
+        low, high = intervals.WITHIN
+        held, asked = case["all"], f"{low:g} to {high:g}, of {case['repetitions']}"
+        enough = case["repetitions"] >= intervals.REPETITIONS
+        made.append((f"90 % intervals of {name} that hold", held, asked, enough and low <= held <= high))
+        least = min(case["held"].values(), default=0.0)
+        made.append(("the same of its worst parameter", least, f">= {low:g}", enough and least >= low))
     return made
 
 
@@ -48,6 +59,8 @@ def main() -> int:
     for kind, case in found.get("check", {}).get("kinds", {}).items():
         if case["right"] < records.ENOUGH:
             console.print(f"{kind}: {case['right']} of 9, {case['first']}")
+    for name, case in found.get("intervals", {}).items():
+        console.print(f"{name}: " + ", ".join(f"{key} {share:.2f}" for key, share in case["held"].items()))
     for name, words in found.get("check", {}).get("accused", {}).items():
         console.print(f"accused: {name}: {words}")
     if chosen == list(PARTS):

@@ -26,6 +26,7 @@ from hybrid_sysid_ros.identification.validation.stages import StageResiduals
 from hybrid_sysid_ros.library.models import identify
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.model import error_text, finite
 from hybrid_sysid_ros.models.structure import parse
 from hybrid_sysid_ros.report.sections import stages_of
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -91,6 +92,7 @@ def command(
             options=parse(option or []),
             seed=seed,
             progress=progress,
+            refine=step is None,
         )
     model.save(out)
     parts = [(record, Part.parse(part)) for record in records]
@@ -151,7 +153,7 @@ def _content(model: Model) -> dict[str, Any]:
         "structure": model.structure,
         "rig": model.rig,
         "parameters": {
-            item.name: {"value": value, "standard_error": errors.get(item.name), "unit": item.unit}
+            item.name: {"value": value, "standard_error": finite(errors.get(item.name)), "unit": item.unit}
             for item, value in zip(system.parameters, system.values.tolist(), strict=True)
             if not item.learned
         },
@@ -188,11 +190,13 @@ def stages_table(rows: Sequence[StageResiduals]) -> Table:
 
 def parameter_table(model: Model) -> Table:
     """Table of parameters with standard errors and units."""
-    table = Table("parameter", "value", "standard error", "unit", title=f"{model.structure} {model.rig}")
-    errors = model.standard_errors
+    errors, spread = model.standard_errors, model.fit.get("block_spread", {})
+    columns = ["parameter", "value", "standard error", *(["of blocks apart"] if spread else []), "unit"]
+    table = Table(*columns, title=f"{model.structure} {model.rig}")
     for item, value in zip(model.system.parameters, model.system.values, strict=True):
         error = errors.get(item.name)
         if item.learned:
             continue
-        table.add_row(item.name, f"{value:.4g}", "set" if error is None else f"{error:.2g}", item.unit)
+        apart = [f"{spread[item.name]:.2g}" if item.name in spread else ""] if spread else []
+        table.add_row(item.name, f"{value:.4g}", error_text(error), *apart, item.unit)
     return table

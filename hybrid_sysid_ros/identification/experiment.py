@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import savgol_coeffs, savgol_filter
 from scipy.stats import kurtosis
 
@@ -46,10 +47,17 @@ class ResampledRecord:
     """Mean inputs from each sample to the next, the last one twice, (samples, inputs)."""
     measured: NDArray[np.bool_] | None
     """Which samples were measured, (samples,); None for all."""
+    alias: Array
+    """Mean of the outputs over the scored samples less that over all around them, (outputs,)."""
     noise: Array
     """Noise of the outputs, rms about a smooth curve, (outputs,)."""
     rate_noise: Array
     """Standard deviations of the rates at the first sample, (outputs,)."""
+
+    lag: Array | None = None
+    """Age of the outputs' readings [s], (outputs,)."""
+    windows: Array | None = None
+    """Windows over which these are means [s], (outputs,)."""
 
     def experiment(self, system: System) -> PreparedRecord:
         """The record with the states of a system. Raises UserError where its channels don't fit the system."""
@@ -67,6 +75,9 @@ class ResampledRecord:
             states=states,
             measured=self.measured,
             noise=self.noise,
+            alias=self.alias,
+            lag=self.lag,
+            windows=self.windows,
             deviations=deviations,
         )
 
@@ -117,6 +128,7 @@ def resample(record: Record, sampling: Sampling) -> ResampledRecord:
         rates=found[::every][:samples],
         means=np.concatenate([means, means[-1:]]),
         measured=None if record.measured is None else record.measured[::every][:samples],
+        alias=_alias(record.output[: used + 1], every),
         noise=noise,
         rate_noise=_rate_noise(record, sampling.period, found, noise),
     )
@@ -174,6 +186,15 @@ def noise_of(record: Record, period: float = SMOOTHING_SECONDS) -> Array:
     share = 1.0 - savgol_coeffs(window, 3)[window // 2]  # of white noise that is left
     least = LEAST_NOISE * np.std(record.output, axis=0)
     return np.asarray(np.maximum(np.sqrt(np.mean(left**2, axis=0) / share), np.maximum(least, 1e-12)))
+
+
+def _alias(output: Array, every: int) -> Array:
+    """Mean of outputs (samples, outputs) at each ``every``-th sample less that of the means around these."""
+    if every == 1:
+        return np.zeros(output.shape[1])
+    around = uniform_filter1d(output, every, axis=0, mode="nearest")
+    inside = slice(every, -every, every)
+    return np.asarray(np.mean(output[inside] - around[inside], axis=0))
 
 
 def _rate_noise(record: Record, period: float, found: Array, noise: Array) -> Array:

@@ -6,11 +6,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
@@ -20,8 +18,10 @@ from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.core.wrappers import Wrapper
 from hybrid_sysid_ros.identification.condensed_residuals import CondensedResiduals
 from hybrid_sysid_ros.identification.experiment import check_range
+from hybrid_sysid_ros.identification.known_errors import known_errors, lag_of_sensors
 from hybrid_sysid_ros.identification.problem import FitProblem, Map
 from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings
+from hybrid_sysid_ros.identification.standard_errors import block_spread, confidence, covariances, secant_jacobian
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.support import threads
 from hybrid_sysid_ros.support.arrays import Array
@@ -59,37 +59,6 @@ class Biased(Wrapper):
         return replace(super().record_map(), unobserved=[*self.physics.record_map().unobserved, *at])
 
 
-LONGEST_LAG = 200
-"""Largest lag in samples at which errors of a free run count as correlated; 10 s at the usual 50 ms."""
-
-
-def covariances(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Two covariances of a solution (n, n): for independent residuals of deviation one, and a robust one.
-
-    jacobian (rows, n), residuals (rows,): record i has the rows edges[i] to edges[i + 1], in order of time; the rows
-    after edges[-1] are priors. With H = J' J and the scores s_t = J_t e_t the robust one is
-
-        H^-1 (sum_k w_k sum_t s_t s_{t+k}' + J_prior' J_prior) H^-1,   w_k = 1 - |k| / (L + 1), within a record,
-
-    which holds for errors of any colour: Newey & West (1987), Econometrica 55(3); for free runs, whose errors
-    are never white, Ljung (1999), System Identification, 2nd ed., section 9.2. L: a quarter of the shortest record, at
-    most LONGEST_LAG.
-    """
-    inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
-    priors = jacobian[edges[-1] :]
-    middle = priors.T @ priors
-    lags = int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
-    for begin, end in pairwise(edges):
-        scores = jacobian[begin:end] * residuals[begin:end, None]
-        # Squared sums over L + 1 samples equal the weighted sum over lags.
-        total = np.cumsum(
-            np.concatenate([np.zeros((lags + 1, scores.shape[1])), scores, np.zeros((lags, scores.shape[1]))]), 0
-        )
-        sums = total[lags + 1 :] - total[: -lags - 1]
-        middle = middle + sums.T @ sums / (lags + 1)
-    return inverse, inverse @ middle @ inverse
-
-
 FitProgress = Callable[[str, int, float], None]
 """progress(stage, evaluations, root mean square error relative to the output's deviation)"""
 
@@ -102,6 +71,11 @@ ANCHOR = 3.0
 ITERATIONS, COARSE, FINE = 40, 1e-3, 1e-6
 """Limits of each stage. The last stage of a physical structure is fine, since its parameters have a meaning; a network
 that is stopped early predicts unseen records as well, in half the time."""
+
+REWEIGHTED, WORTHWHILE, MOST_CONFIDENCE = 3, 1.3, 1e3
+"""Rounds in which errors that are smaller than expected get a larger weight against the priors of physics, the least
+factor of that, and the largest in all.
+"""
 
 MANY = 100
 """Number of weights, which all have priors, above which the optimiser gets a condensed problem."""
@@ -161,20 +135,37 @@ def fit(
             if progress is not None:
                 stage = "whole records" if horizon is None else f"{horizon}-sample rollouts"
                 progress(stage, problem.evaluations, relative)
+        if not len(system.weights) and unstable is None and np.isfinite(problem.spreads).any():
+            for _ in range(REWEIGHTED):
+                more = confidence(solution.jac, solution.fun, problem.edges(stages[-1]))
+                if more < WORTHWHILE:
+                    break
+                problem.confidence *= min(more, MOST_CONFIDENCE / problem.confidence)
+                solution = _solve(problem, stages[-1], solution.x, (tolerance or FINE, iterations), pool.map)
+                relative = problem.relative_error(solution.fun)
     if not np.isfinite(relative) or relative > 1e3:
         raise UserError("identification: every simulation diverges; start from a simpler structure or a smaller step")
-    units = np.outer(problem.scales, problem.scales)
-    inverse, robust = covariances(solution.jac, solution.fun, problem.edges(stages[-1]))
+    seconds, evaluations = time.perf_counter() - began, problem.evaluations
+    units, edges = np.outer(problem.scales, problem.scales), problem.edges(stages[-1])
+    jacobian, corners = solution.jac, bool(system.contacts) and unstable is None
+    if corners:
+        jacobian = secant_jacobian(problem.residuals(stages[-1]), solution.x, jacobian, edges)
+    priors = problem.prior_covariance(None if anchor is None else anchor.covariance)
+    shifts = known_errors(problem, solution.x) if unstable is None and stages[-1] is None else None
+    inverse, robust = covariances(jacobian, solution.fun, edges, priors=priors, shifts=shifts)
     shared = slice(problem.shared)
+    robust[shared, shared] += np.outer(lag_of_sensors(problem), lag_of_sensors(problem))
     return Fit(
         system=problem.with_point(solution.x),
         names=problem.names,
         covariance=robust[shared, shared] * units,
         by_cost=inverse[shared, shared] * units,
+        step_error=np.zeros(0) if shifts is None else (inverse @ (jacobian.T @ shifts[0]))[shared] * problem.scales,
+        block_spread=block_spread(jacobian, solution.fun, edges)[shared] * problem.scales,
         nuisances=problem.named_nuisances(solution.x),
         relative_error=relative,
-        seconds=time.perf_counter() - began,
-        evaluations=problem.evaluations,
+        seconds=seconds,
+        evaluations=evaluations,
         chi_squared=problem.chi_squared(solution.fun),
     )
 
@@ -192,7 +183,8 @@ def _ranged(system: System, experiments: Sequence[PreparedRecord]) -> System:
 def _anchors(system: System, fitted: Fit) -> tuple[Array, Array]:
     """Prior centres and deviations (free,) of parameters from an earlier fit."""
     free = [i for i, item in enumerate(system.parameters) if item.name in fitted.names]
-    return fitted.system.values[free], ANCHOR * fitted.spreads[: len(free)]
+    spreads, scales = fitted.spreads[: len(free)], np.array([system.parameters[i].scale for i in free])
+    return fitted.system.values[free], ANCHOR * np.where(spreads > 0.0, spreads, scales)  # 0: nothing determined it
 
 
 def _solve(problem: FitProblem, horizon: int | None, point: Array, limits: tuple[float, int], run: Map) -> Any:

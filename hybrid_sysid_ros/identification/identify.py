@@ -27,6 +27,9 @@ from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extensions import blaming
 
+REFINED, FINER = 0.3, (5, 4, 2)
+"""Share of a standard error by which a step may move a parameter, and the parts into which a longer step is cut."""
+
 
 def identify(
     records: Sequence[Record],
@@ -38,12 +41,14 @@ def identify(
     options: Options | None = None,
     seed: int = 0,
     progress: FitProgress | None = None,
+    refine: bool = False,
 ) -> Model:
     """Fit a structure to parts of records.
 
     part: one part for all records, or one for each. options: values by name, see
-    :func:`~hybrid_sysid_ros.models.structure.options_of`. Raises UserError for records that don't fit the sampling or
-    don't excite the rig, and for an unknown structure or option.
+    :func:`~hybrid_sysid_ros.models.structure.options_of`. refine: a gray box is fitted again at a finer step, which the
+    model then has, where the step of the sampling moves a parameter by REFINED of its standard error. Raises UserError
+    for records that don't fit the sampling or don't excite the rig, and for an unknown structure or option.
     """
     if not records:
         raise UserError("identification: no record to fit")
@@ -63,6 +68,10 @@ def identify(
         fitted = found.fit(context)
         if not isinstance(fitted, Fit):
             raise TypeError(f"its fit gave {fitted!r}, which is no Fit")
+    if refine and found.is_gray_box:
+        context, fitted = _refined(context, fitted)
+        holds = context.sampling
+    spread = len(fitted.block_spread) == len(fitted.names) > 0
     known_together = groups(fitted)
     experiments, shown = context.experiments(fitted.system), context.experiments(rig.system)
     columns = [
@@ -89,11 +98,32 @@ def identify(
             "seconds": round(fitted.seconds, 3),
             "evaluations": fitted.evaluations,
             "seed": seed,
+            **({"block_spread": dict(zip(fitted.names, fitted.block_spread.tolist(), strict=True))} if spread else {}),
             **_biases(fitted, [record.name for record in used]),
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
             **({"groups": [group.content for group in known_together]} if known_together else {}),
         },
     )
+
+
+def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
+    """The fit at a finer step where its step moves a parameter too far, and the context with that step."""
+    variances = np.diag(fitted.covariance)[: len(fitted.step_error)]
+    rest = np.sqrt(np.maximum(variances - fitted.step_error**2, 1e-300))
+    if not np.any(np.abs(fitted.step_error) > REFINED * rest) or context.unstable is not None:
+        return context, fitted
+    held = [item.name for item in fitted.system.parameters if not item.fixed and item.name not in fitted.names]
+    for parts in FINER:
+        try:
+            sampling = replace(context.sampling, step=context.sampling.step / parts)
+            resampled = [checked(record, context.rig, sampling) for record in context.records]
+        except UserError:  # the step must fit the records' sampling
+            continue
+        finer = replace(context, sampling=sampling, resampled=resampled)
+        found = finer.fit_physics([fitted.system], stages=(None,), hold=held, starts=1)
+        seconds, evaluations = fitted.seconds + found.seconds, fitted.evaluations + found.evaluations
+        return finer, replace(found, seconds=seconds, evaluations=evaluations)
+    return context, fitted
 
 
 def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
@@ -126,7 +156,8 @@ def checked(record: Record, rig: Rig, sampling: Sampling) -> ResampledRecord:
             raise UserError(
                 f"{record.name}: output {variable.name} is constant, so it can't be scored; leave the record out"
             )
-    resampled = resample(record, sampling)
+    delays, windows = (np.array([getattr(item, key) for item in rig.sensors]) for key in ("delay", "window"))
+    resampled = replace(resample(record, sampling), lag=delays + 0.5 * windows, windows=windows)
     experiment = resampled.experiment(rig.system)
     check_range(experiment, rig.system)
     check_valid(rig, experiment.states, record.name)

@@ -87,6 +87,8 @@ class FitProblem:
         self.nuisance_units = np.array([self._sizes.get(i, float(units[i])) for i in self.moved_states])
         """Prior deviation of each fitted initial state; record i has the value point[shared + state * records + i]."""
         self.evaluations = 0
+        self.confidence = 1.0
+        """Factor of the errors' weight where they turn out to be smaller than expected."""
 
     @property
     def start(self) -> Array:
@@ -113,7 +115,8 @@ class FitProblem:
         """Root mean square of the output errors in residual rows, relative to the output's deviation."""
         errors = rows[: len(rows) - len(self.priors(self.start))]
         seconds = sum(item.samples for item in self.experiments) * self.sampling.period
-        return float(np.linalg.norm(errors) * RELATIVE_ERROR / np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0)))
+        count = np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0))
+        return float(np.linalg.norm(errors) * RELATIVE_ERROR / (count * self.confidence))
 
     def chi_squared(self, rows: Array) -> float | None:
         """Mean squared error in residual rows, where these are in units of the sensors' noise; else None."""
@@ -157,13 +160,23 @@ class FitProblem:
         found[physical : self.shared] = np.sqrt(self.ridge)
         return np.diag(found)
 
+    def prior_covariance(self, anchored: Array | None) -> Array:
+        """Covariance of the prior rows (point, point), of deviation one but where they hold parameters near an earlier
+        fit of the same records: ``anchored`` (free, free) is the covariance of that.
+        """
+        found, count = np.eye(len(self.start)), len(self.free)
+        if anchored is not None and len(anchored) >= count:
+            spreads = np.where(self.spreads > 0.0, self.spreads, np.inf)
+            found[:count, :count] = anchored[:count, :count] / np.outer(spreads, spreads)
+        return found
+
     def carry(self, point: Array, horizon: int | None) -> None:
         """Set initial states of rollouts within a record that no record shows, by a simulation at a point."""
         if not len(self.hidden) or horizon is None:
             return
         starts, states, _, edges = self.windows(None)
         system, initial = self.initialised(point, starts, states, edges)
-        found, _ = self._simulated(system, starts, initial)
+        found, _ = self.simulated(system, starts, initial)
         held = np.clip(np.nan_to_num(found[:, self.hidden]), -WIDEST * self._spread, WIDEST * self._spread)
         self._carried = [held[begin:end] for begin, end in pairwise(edges)]
 
@@ -194,7 +207,7 @@ class FitProblem:
         """Scales of states that no record shows, by index."""
         return hidden_sizes(self.system, self.experiments)
 
-    def _simulated(self, system: System, starts: NDArray[np.int64], initial: Array) -> tuple[Array, Array]:
+    def simulated(self, system: System, starts: NDArray[np.int64], initial: Array) -> tuple[Array, Array]:
         return rollouts(system, starts, initial, self.inputs, step=self.sampling.step, every=self.sampling.every)
 
     def windows(self, horizon: int | None) -> tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]:
@@ -220,7 +233,7 @@ class FitProblem:
         """Weights (outputs,) of the errors of outputs (samples, outputs), see :data:`CORRELATION_SECONDS`."""
         seconds = len(outputs) * self.sampling.period
         scale = np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0) / outputs.size)
-        return np.asarray(scale / (RELATIVE_ERROR * self.deviation))
+        return np.asarray(self.confidence * scale / (RELATIVE_ERROR * self.deviation))
 
     def initialised(
         self, point: Array, starts: NDArray[np.int64], states: Array, edges: NDArray[np.int64]
@@ -238,7 +251,7 @@ class FitProblem:
 
         def evaluate(point: Array) -> Array:
             system, initial = self.initialised(point, starts, states, edges)
-            _, out = self._simulated(system, starts, initial)
+            _, out = self.simulated(system, starts, initial)
             self.evaluations += 1
             errors = ((out - outputs) * weight).ravel()
             # A diverging simulation must repel the search, not stop it.

@@ -164,12 +164,12 @@ class MultipleShootingProblem(FitProblem):
         starts = [
             [first, first, item.samples, 0] for first, item in zip(self.first_steps, self.experiments, strict=True)
         ]
-        found = [self._simulated(self.system, np.array([row]), states[k : k + 1])[0] for k, row in enumerate(starts)]
+        found = [self.simulated(self.system, np.array([row]), states[k : k + 1])[0] for k, row in enumerate(starts)]
         with np.errstate(over="ignore", invalid="ignore"):
             squares = [np.mean(run[:, self.hidden] ** 2, axis=0) for run in found]
         return root_mean_squares(self.hidden, squares)
 
-    def _simulated(self, system: System, starts: Starts, initial: Array) -> tuple[Array, Array]:
+    def simulated(self, system: System, starts: Starts, initial: Array) -> tuple[Array, Array]:
         """States and outputs of whole records with the stabiliser, since states that no record shows would diverge."""
         held = np.concatenate([held_inputs(item, self._stabiliser) for item in self.experiments])
         given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}

@@ -20,7 +20,7 @@ from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_s
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import PartLike, RigLike, SamplingLike
-from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.models import Sampling, storage
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -146,6 +146,7 @@ def identify(
     options: Mapping[str, float] | None = None,
     seed: int = 0,
     progress: FitProgress | None = None,
+    refine: bool | None = None,
 ) -> Model:
     """Fit a structure to parts of records.
 
@@ -153,7 +154,8 @@ def identify(
     --help``. sampling: ``step``, ``period``, ``input``, ``initial``, ``initial_samples`` and ``warm_up``, by
     default those of the rig's file. part: a part of all
     records as fractions, or one for each record. options: numbers by name, such as {"units": 8}. seed: random seed.
-    progress(stage, evaluations, error): a function that is called during the fit.
+    progress(stage, evaluations, error): a function that is called during the fit. refine: whether a gray box is fitted
+    again at a finer step where the step moves its parameters too far; by default where the sampling gives no step.
 
     Raises UserError for records that don't fit the rig, its sampling or each other, or don't excite the rig, and for an
     unknown structure or option.
@@ -167,6 +169,7 @@ def identify(
         raise UserError(
             f"records: two are called {min(twins)}; results go by the name, so give them names of their own"
         )
+    given = isinstance(sampling, Sampling) or (isinstance(sampling, Mapping) and "step" in sampling)
     return Model.of(
         identified(
             used,
@@ -177,6 +180,7 @@ def identify(
             options=arguments.given_options(options),
             seed=arguments.seed_of(seed),
             progress=arguments.callable_of(progress, "progress", "stage, evaluations, error"),
+            refine=not given if refine is None else arguments.flag_of(refine, "refine"),
         )
     )
 

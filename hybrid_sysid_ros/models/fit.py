@@ -35,6 +35,14 @@ class PreparedRecord:
     """Which samples were measured, (samples,); None for all."""
     noise: Array | None = None
     """Noise of each output, rms as the record shows it, (outputs,); None where it is not known."""
+    alias: Array | None = None
+    """Mean of each output over the scored samples less that over all samples around them, (outputs,): that of a hum
+    whose periods fit into the scored period.
+    """
+    lag: Array | None = None
+    """Age of the readings of each output [s], (outputs,), by its sensor's delay and window, which no model knows."""
+    windows: Array | None = None
+    """Windows over which they are means [s], (outputs,)."""
     deviations: Array | None = None
     """How well the record shows each state at its first sample, as standard deviations (states,), 1 for states that it
     does not show; None where the states that it shows are exact.
@@ -68,6 +76,10 @@ class Fit:
     """Robust covariance of the free parameters, (free, free), in their units."""
     by_cost: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """Their covariance from the curvature of the cost alone, as if errors were independent with deviation one."""
+    step_error: Array = field(default_factory=lambda: np.zeros(0))
+    """What the integration step moves each free parameter by, as part of their covariance, (free,) or empty."""
+    block_spread: Array = field(default_factory=lambda: np.zeros(0))
+    """Standard errors by the spread of blocks of the records, (free,) or empty."""
     nuisances: Mapping[str, Array] = field(default_factory=dict)
     """Fitted corrections of initial states, (records,) by the state's name."""
     relative_error: float

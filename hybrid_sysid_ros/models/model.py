@@ -61,7 +61,7 @@ class Model:
         """A table of the physical parameters and of the scores on training records."""
         errors = self.standard_errors
         rows = [
-            (item.name, f"{value:.4g}", f"{errors[item.name]:.2g}" if item.name in errors else "set", item.unit)
+            (item.name, f"{value:.4g}", error_text(errors.get(item.name)), item.unit)
             for item, value in zip(self.system.parameters, self.system.values, strict=True)
             if not item.learned
         ]
@@ -91,8 +91,11 @@ class Model:
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """Standard error of each free parameter that has a meaning by itself, in its unit."""
-        deviations = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+        """Standard error of each free parameter that has a meaning by itself, in its unit; infinite where neither data
+        nor a prior determine it, whose row of the covariance is zero.
+        """
+        variances = np.clip(np.diag(self.covariance), 0.0, None)
+        deviations = np.sqrt(np.where(variances > 0.0, variances, np.inf))
         physical = {item.name for item in self.system.parameters if not item.learned}
         return {name: float(d) for name, d in zip(self.names, deviations, strict=True) if name in physical}
 
@@ -107,7 +110,7 @@ class Model:
         parameters = {
             item.name: {
                 "value": float(value),
-                "standard_error": errors.get(item.name),
+                "standard_error": finite(errors.get(item.name)),
                 "unit": item.unit,
                 "bounds": [item.low, item.high],
                 "description": item.description,
@@ -193,6 +196,16 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error}") from error
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error!r} is missing or malformed; fit again") from error
+
+
+def finite(error: float | None) -> float | None:
+    """A standard error as plain data: None where there is none, or an infinite one."""
+    return error if error is not None and np.isfinite(error) else None
+
+
+def error_text(error: float | None) -> str:
+    """A standard error in a table: "set" for a parameter that was not fitted, "unknown" for an infinite one."""
+    return "set" if error is None else f"{error:.2g}" if np.isfinite(error) else "unknown"
 
 
 def signals_of(system: System) -> dict[str, list[str]]:

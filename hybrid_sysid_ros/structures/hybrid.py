@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
@@ -125,7 +126,13 @@ class FrozenHybrid(JointHybrid):
     def fit(self, context: FitContext) -> Fit:
         gray = self.gray.fit(context.of(self.gray))
         system, held = self.initialised(context, context.seed)
-        return context.fit_physics([replace(system, physics=gray.system)], hold=(*held, *gray.names), starts=1)
+        found = context.fit_physics([replace(system, physics=gray.system)], hold=(*held, *gray.names), starts=1)
+        return replace(
+            found,
+            names=(*gray.names, *found.names),
+            covariance=block_diag(gray.covariance, found.covariance),
+            by_cost=block_diag(gray.by_cost, found.by_cost),
+        )
 
 
 class AnchoredHybrid(JointHybrid):
@@ -167,12 +174,31 @@ class AnchoredHybrid(JointHybrid):
             )
         return replace(
             gray,
+            **({} if frozen else _together(members)),
             system=averaged_hybrid([found.system for found in members if isinstance(found.system, Hybrid)]),
             relative_error=float(np.mean([found.relative_error for found in members])),
             chi_squared=None if gray.chi_squared is None else float(np.mean([found.chi_squared for found in members])),
             seconds=gray.seconds + sum(found.seconds for found in members),
             evaluations=gray.evaluations + sum(found.evaluations for found in members),
         )
+
+
+def _together(members: Sequence[Fit]) -> dict[str, Any]:
+    """Names and covariances of averaged fits: those of the one, or of physics alone, whose members err alike, so that
+    their own spread comes on top.
+    """
+    first = members[0]
+    if len(members) == 1:
+        return {"names": first.names, "covariance": first.covariance, "by_cost": first.by_cost}
+    physical = [i for i, name in enumerate(first.names) if not name.startswith("weight_")]
+    places = [[item.name for item in first.system.parameters].index(first.names[i]) for i in physical]
+    spread = np.atleast_2d(np.cov([found.system.values[places] for found in members], rowvar=False))
+    means = {
+        key: np.mean([getattr(found, key)[np.ix_(physical, physical)] for found in members], axis=0)
+        for key in ("covariance", "by_cost")
+    }
+    covariance = means["covariance"] + spread / len(members)
+    return {"names": tuple(first.names[i] for i in physical), **means, "covariance": covariance}
 
 
 def closures_of(system: System, options: Mapping[str, Any]) -> tuple[str, ...]:

@@ -42,8 +42,8 @@ class Doubt:
         if self.at_bound:
             side, bound = min((("lower", item.low), ("upper", item.high)), key=lambda end: abs(end[1] - self.value))
             found.append(f"stands at its {side} bound {bound:g}")
-        if not self.standard_error > 0.0:
-            found.append("has no effect on the output")
+        if not np.isfinite(self.standard_error):
+            found.append("has no effect on the output, or none of its own")
         elif self.standard_error > UNDETERMINED * self.before:
             known = "the prior's" if item.spread else "that of any value between its bounds,"
             found.append(f"is hardly known better than before (standard deviation of {known} {self.before:.2g})")
@@ -54,7 +54,7 @@ class Doubt:
 
     def __str__(self) -> str:
         unit = "" if self.parameter.unit == "1" else f" {self.parameter.unit}"
-        error = "unknown" if not self.standard_error > 0.0 else f"{self.standard_error:.2g}"
+        error = f"{self.standard_error:.2g}" if np.isfinite(self.standard_error) else "unknown"
         return f"{self.parameter.name} = {self.value:.4g}{unit} (standard error {error}) {'; '.join(self.reasons)}"
 
 

@@ -248,6 +248,7 @@ def test_its_three_steps_are_told() -> None:
         rates=0.0 * unseen.outputs,
         means=np.concatenate([np.zeros((1, 2)), means[1:], means[-1:]]),
         measured=None,
+        alias=np.zeros(2),
         noise=np.zeros(2),
         rate_noise=np.zeros(2),
     )

@@ -1,0 +1,117 @@
+"""Standard errors of parameters: how often their 90 % intervals hold the truth, over many simulated experiments.
+
+A run lasts at most a quarter of an hour; the next one goes on from ``results/trust_intervals.part.json``, unless the
+package has changed since.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+
+import hybrid_sysid_ros
+from benchmarks import result
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification import identify
+from hybrid_sysid_ros.library.arguments import given_sampling
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.support.files import written_file
+
+RIGS = {"cam_beam": 1000.0, "wheel_motor": 100.0}
+"""Samples per second [Hz] by rig."""
+EXPERIMENTS, SECONDS = ("multisine", "random_steps"), 20.0
+REPETITIONS = 60
+FIRST_SEED = 5000
+LEVEL = 0.9
+WITHIN = (0.85, 0.95)
+LONGEST = 14 * 60.0
+"""Seconds after which a run stops, and the next one goes on."""
+PART = result.RESULTS / "trust_intervals.part.json"
+
+
+def true_rig(name: str) -> Rig:
+    """A rig that its own law can be true to: without a bias of its inputs, and without ends of the identified range,
+    which each fit takes from its records.
+    """
+    rig = load(name)
+    nodes = {**rig.content.get("nodes", {})}
+    nodes["plant"] = {**nodes.get("plant", {}), "bias": [0.0] * len(rig.actuators)}
+    ends = {
+        item.name: item.low if item.name.endswith("low") else item.high for item in rig.system.parameters if item.fixed
+    }
+    values = [ends.get(key, value) for key, value in rig.system.named.items()]
+    return replace(rig, system=rig.system.with_values(values), content={**rig.content, "nodes": nodes})
+
+
+def records_of(rig: Rig, seed: int) -> list[Record]:
+    """An experiment of each kind."""
+    found = []
+    with TemporaryDirectory() as folder:
+        for kind in EXPERIMENTS:
+            place = Path(folder) / f"{kind}_{seed}"
+            simulate_experiment(rig, kind, place, seed=seed, duration=SECONDS, rate=RIGS[rig.name])
+            found.append(bags.read(place, rig.signals))
+    return found
+
+
+def deviations(rig: Rig, seed: int) -> dict[str, float]:
+    """Errors of the fitted parameters in their standard errors."""
+    model = identify(records_of(rig, seed), rig, "gray", sampling=given_sampling(None, rig))
+    truth, values = rig.system.named, model.system.named
+    return {name: (values[name] - truth[name]) / error for name, error in model.standard_errors.items()}
+
+
+def version() -> str:
+    """What identifies the package's code."""
+    folder, digest = Path(hybrid_sysid_ros.__file__).parent, hashlib.sha256()
+    for room in ("core", "models", "identification", "structures", "rigs"):
+        for file in sorted((folder / room).rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def measured() -> dict[str, Any]:
+    """By rig, the share of intervals that hold the truth of each parameter, of the repetitions that are done."""
+    begun, done = time.perf_counter(), _done()
+    for seed in range(FIRST_SEED, FIRST_SEED + REPETITIONS):
+        for name in RIGS:
+            if str(seed) in done[name] or time.perf_counter() - begun > LONGEST:
+                continue
+            done[name][str(seed)] = deviations(true_rig(name), seed)
+            with written_file(PART) as partial:
+                partial.write_text(json.dumps({"version": version(), "done": done}), encoding="utf-8")
+    return {name: coverage(list(runs.values())) for name, runs in done.items()}
+
+
+def coverage(runs: list[dict[str, float]]) -> dict[str, Any]:
+    """Shares of intervals that hold the truth, by parameter, and the mean of all."""
+    bound = float(norm.ppf(0.5 + 0.5 * LEVEL))
+    names = runs[0] if runs else {}
+    errors = {name: np.array([run[name] for run in runs]) for name in names}
+    shares = {name: float(np.mean(np.abs(values) <= bound)) for name, values in errors.items()}
+    return {
+        "repetitions": len(runs),
+        "held": shares,
+        "all": float(np.mean(list(shares.values()))) if shares else 0.0,
+        "bias": {name: float(np.mean(values)) for name, values in errors.items()},
+        "spread": {name: float(np.std(values)) for name, values in errors.items()},
+    }
+
+
+def _done() -> dict[str, dict[str, dict[str, float]]]:
+    try:
+        content = json.loads(PART.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        content = {}
+    known: dict[str, dict[str, dict[str, float]]] = content["done"] if content.get("version") == version() else {}
+    return {name: known.get(name, {}) for name in RIGS}

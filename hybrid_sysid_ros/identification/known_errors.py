@@ -1,0 +1,64 @@
+"""Known errors of a fit: what step, sensors and hum do to its residuals, known up to their sign."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from hybrid_sysid_ros.core import rollouts
+from hybrid_sysid_ros.identification.problem import FitProblem
+from hybrid_sysid_ros.support.arrays import Array
+
+
+def known_errors(problem: FitProblem, point: Array) -> Array:
+    """Errors of the residual rows of whole records, (errors, rows): first that of the integration step, by half the
+    step, since the method is of first order; that of readings that are means over a sensor's window; and for each
+    record that of a hum that the samples alias.
+    """
+    starts, states, outputs, edges = problem.windows(None)
+    weight, rest = problem.weight(outputs), np.zeros(len(problem.priors(point)))
+    system, initial = problem.initialised(point, starts, states, edges)
+    found, sampling = [np.zeros_like(outputs)], problem.sampling
+    if system.sampling_time is None and not system.stepper.is_map:
+        _, coarse = problem.simulated(system, starts, initial)
+        halves = np.repeat(problem.inputs, 2, axis=0)
+        given: dict[str, Any] = {"step": 0.5 * sampling.step, "every": 2 * sampling.every}
+        _, fine = rollouts(system, starts * np.array([2, 2, 1, 1]), initial, halves, **given)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found[0] = 2.0 * (fine - coarse)
+    windows = [item.windows for item in problem.experiments if item.windows is not None]
+    if windows and np.any(windows[0]):
+        steps = np.array([[a, b, (n - 1) * sampling.every + 1, 0] for a, b, n, _ in starts])
+        steps[1:, 3] = np.cumsum(steps[:-1, 2])
+        _, run = rollouts(system, steps, initial, problem.inputs, step=sampling.step)
+        parts = (run[begin : begin + count] for _, _, count, begin in steps)
+        blurred = [_blurred(part, windows[0] / sampling.step)[:: sampling.every] for part in parts]
+        found.append(np.concatenate(blurred))
+    for item, begin, end in zip(problem.experiments, edges[:-1], edges[1:], strict=True):
+        if item.alias is not None and np.any(item.alias):
+            found.append(np.zeros_like(outputs))
+            found[-1][begin:end] = item.alias
+    rows = [np.concatenate([np.nan_to_num(row * weight).ravel(), rest]) for row in found]
+    return np.array(rows)
+
+
+def lag_of_sensors(problem: FitProblem) -> Array:
+    """What delays and windows of sensors, which no model knows, add to the input delays among the free numbers, in
+    their scales (shared,); zeros where no delay is free.
+    """
+    lags = [item.lag for item in problem.experiments if item.lag is not None]
+    delays = [value for value in problem.system.delays.values() if isinstance(value, str)]
+    free = np.array([float(name in delays) for name in problem.names])
+    return np.asarray(free * (float(np.max(lags[0])) if lags else 0.0) / problem.scales)
+
+
+def _blurred(outputs: Array, windows: Array) -> Array:
+    """Means over windows in steps, (outputs,), less the values in their middles, (samples, outputs)."""
+    found = np.zeros_like(outputs)
+    for column, window in enumerate(windows.tolist()):
+        count = round(window) // 2 * 2 + 1
+        if count > 1:
+            found[:, column] = uniform_filter1d(outputs[:, column], count, mode="nearest") - outputs[:, column]
+    return found

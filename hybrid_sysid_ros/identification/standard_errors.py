@@ -1,0 +1,150 @@
+"""Standard errors of a fit: covariances that hold where errors have a colour and simulations have corners."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from hybrid_sysid_ros.support.arrays import Array
+
+LONGEST_LAG = 200
+"""Largest lag in samples at which errors of a free run count as correlated; 10 s at the usual 50 ms."""
+LEVEL = 0.9
+"""Of the intervals for which the standard errors of short records are widened."""
+KNOWN = 1e-9
+"""Least eigenvalue of the scaled information of a direction that data or priors determine."""
+TOUCHED = 1e-3
+"""Least part of a parameter in a direction that nothing determines, at which it is unknown, too."""
+BLOCKS = 4
+"""Of records, whose estimates are compared."""
+SECANTS, MOST = 3, 80
+"""Rounds in which the lengths of secants settle, and the most columns of which they are computed."""
+
+
+def covariances(
+    jacobian: Array,
+    residuals: Array,
+    edges: NDArray[np.int64],
+    *,
+    priors: Array | None = None,
+    shifts: Array | None = None,
+) -> tuple[Array, Array]:
+    """Two covariances of a solution (n, n): for independent residuals of deviation one, and a robust one.
+
+    jacobian (rows, n), residuals (rows,): record i has the rows edges[i] to edges[i + 1], in order of time; the rows
+    after edges[-1] are priors, whose own covariance is ``priors``, by default of deviation one. With H = J' J and the
+    scores s_t = J_t e_t the robust one is
+
+        H^-1 (sum_k w_k sum_t s_t s_{t+k}' f + J_prior' C J_prior) H^-1,   w_k = 1 - |k| / (L + 1), within a record,
+
+    which holds for errors of any colour: Newey & West (1987), Econometrica 55(3); for free runs, whose errors
+    are never white, Ljung (1999), System Identification, 2nd ed., section 9.2. L: a quarter of the shortest record, at
+    most LONGEST_LAG. f widens it for short records: the sum has about 1.5 N / L degrees of freedom, so that a normal
+    interval is too short (Kiefer & Vogelsang 2005, Econometric Theory 21(6)), and the scores' sum is zero by the fit.
+    shifts (k, rows): errors of the rows that are known up to their sign, such as that of the integration step; each
+    adds the square of what it moves.
+
+    What neither data nor priors determine has rows and columns of zero.
+    """
+    information = jacobian.T @ jacobian
+    inverse, unknown = _inverse(information)
+    rows = jacobian[edges[-1] :]
+    middle = rows.T @ (rows if priors is None else priors @ rows)
+    lags = int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
+    middle = middle + widening(edges, lags) * long_run(jacobian, residuals, edges, lags)
+    robust = inverse @ middle @ inverse
+    for shift in () if shifts is None else shifts:
+        moved = inverse @ (jacobian.T @ shift)
+        robust = robust + np.outer(moved, moved)
+    for found in (inverse, robust):
+        found[unknown], found[:, unknown] = 0.0, 0.0
+    return inverse, robust
+
+
+def long_run(jacobian: Array, residuals: Array, edges: NDArray[np.int64], lags: int) -> Array:
+    """The long-run covariance of the scores times their number, (n, n), by Bartlett's weights."""
+    found = np.zeros((jacobian.shape[1], jacobian.shape[1]))
+    for begin, end in pairwise(edges):
+        scores = jacobian[begin:end] * residuals[begin:end, None]
+        # Squared sums over L + 1 samples equal the weighted sum over lags.
+        total = np.cumsum(
+            np.concatenate([np.zeros((lags + 1, scores.shape[1])), scores, np.zeros((lags, scores.shape[1]))]), 0
+        )
+        sums = total[lags + 1 :] - total[: -lags - 1]
+        found += sums.T @ sums / (lags + 1)
+    return found
+
+
+def block_spread(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> Array:
+    """Standard errors (n,) by the spread of what each record, or block of one, would say alone, from one Gauss-Newton
+    step; at least BLOCKS blocks, each with all priors. It grows with errors of the model, which differ between them.
+    """
+    cuts, pieces = [0], -(-BLOCKS // (len(edges) - 1))
+    for begin, end in pairwise(edges):
+        cuts += np.linspace(begin, end, pieces + 1).astype(int)[1:].tolist()
+    rows = slice(edges[-1], None)
+    prior, slope = jacobian[rows].T @ jacobian[rows], jacobian[rows].T @ residuals[rows]
+    moves = []
+    for begin, end in pairwise(cuts):
+        own = jacobian[begin:end]
+        moves.append(_inverse(own.T @ own + prior)[0] @ (own.T @ residuals[begin:end] + slope))
+    return np.asarray(np.std(moves, axis=0, ddof=1) / np.sqrt(len(moves)))
+
+
+def confidence(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> float:
+    """How much larger the errors' weight against the priors could be, as a factor of the residuals: with it the scores
+    vary on average as much as the curvature of the cost says.
+    """
+    data = jacobian[: edges[-1]]
+    lags = int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
+    inverse, _ = _inverse(jacobian.T @ jacobian)
+    expected = float(np.trace(inverse @ (data.T @ data)))
+    met = float(np.trace(inverse @ long_run(jacobian, residuals, edges, lags)))
+    return float(np.sqrt(expected / met)) if met > 0.0 else 1.0
+
+
+def secant_jacobian(
+    function: Callable[[Array], Array], point: Array, jacobian: Array, edges: NDArray[np.int64]
+) -> Array:
+    """The Jacobian (rows, n) over the distance of a standard error, by central differences.
+
+    Where sticking begins or ends, a simulation has a corner, whose derivative at one point says nothing of the way to
+    the next: a single one can make a standard error five times too small.
+    """
+    if len(point) > MOST:
+        return jacobian
+    residuals = function(point)
+    for _ in range(SECANTS):
+        _, robust = covariances(jacobian, residuals, edges)
+        steps = np.sqrt(np.diag(robust))
+        columns = [
+            (function(point + move) - function(point - move)) / (2.0 * step) if step > 0.0 else jacobian[:, k]
+            for k, (step, move) in enumerate(zip(steps, np.diag(steps), strict=True))
+        ]
+        jacobian = np.stack(columns, axis=1)
+    return jacobian
+
+
+def _inverse(information: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """The inverse of an information matrix (n, n), and which parameters nothing determines, (n,)."""
+    scales = np.sqrt(np.diag(information))
+    unknown = ~(scales > 0.0)
+    scales = np.where(unknown, 1.0, scales)
+    values, vectors = np.linalg.eigh(information / np.outer(scales, scales) + np.diag(unknown.astype(float)))
+    weak = values < KNOWN * values[-1]
+    unknown = unknown | (np.abs(vectors[:, weak]) > TOUCHED).any(axis=1)
+    strong = vectors[:, ~weak] / scales[:, None]
+    return np.asarray((strong / values[~weak]) @ strong.T), unknown
+
+
+def widening(edges: NDArray[np.int64], lags: int) -> float:
+    """The factor f of a covariance for records of the given rows; 1 for long ones."""
+    rows = int(edges[-1])
+    freedom = max(1.5 * rows / (lags + 1), 2.0)
+    interval = float(student.ppf(0.5 + 0.5 * LEVEL, freedom) / norm.ppf(0.5 + 0.5 * LEVEL)) ** 2
+    return interval / (1.0 - min((lags + 1) / rows, 0.5))
