@@ -90,6 +90,27 @@ def dead_zone(x: Scalar, width: Scalar, smoothing: Scalar, *, over: float) -> Sc
     return casadi.if_else(casadi.fabs(x) < end, x * (mean - cubic + cubic * (x / end) ** 2), left)
 
 
+def backlash(
+    twist: Scalar, rate: Scalar, *, gap: Scalar, stiffness: Scalar, damping: Scalar = 0.0, over: float = 1.5
+) -> Scalar:
+    """The force of a coupling with a gap: none while the twist is within +-gap / 2, and beyond a spring with a damper
+    that push the flanks apart and never pull them together.
+
+    twist: how far the driving side is ahead; rate: the twist's rate of change. For solvers the corners are rounded, and
+    the gap is bridged over +-over of its half, see :func:`dead_zone`. The dead-zone model of Nordin and Gutman (2002),
+    Controlling mechanical systems with backlash - a survey, Automatica 38(10), with a damper that does not pull.
+    """
+    half = 0.5 * gap
+    if _ROUNDED.get():
+        stretch = dead_zone(twist, half, 0.1 * half, over=over)
+        return stiffness * stretch + damping * rate * stretch * stretch / (stretch * stretch + half * half)
+    stretch = twist - saturate(twist, half)
+    push = stiffness * stretch + damping * rate
+    return casadi.if_else(
+        stretch > 0.0, casadi.fmax(push, 0.0), casadi.if_else(stretch < 0.0, casadi.fmin(push, 0.0), 0.0)
+    )
+
+
 def rows(values: Scalar | Iterable[Scalar], count: int, what: str, of: str) -> list[Scalar]:
     """The values of a sequence or of a CasADi column that ``what`` returns. Raises UserError where they are not
     ``count`` scalars.

@@ -10,6 +10,8 @@ method(x, u) of the system, or a function(system, x, u).
     Bristles     v' = f_v - s0 z - s1 z' - D v,  z' = v - |v| z s0 / F
     MaxwellSlip  v' = f_v - sum k_i z_i - D v,  z_i' = v until |k_i z_i| = c_i F, then it slips
 
+Dry, Ageing and Hysteretic friction may have a direction d: F (1 + d) against a push upwards, F (1 - d) downwards.
+
 F: level, vc: creep speed (0: it sticks exactly), D: viscous rate; z: deflection of bristles or elements. Each contact
 solves its step exactly; for solvers that need derivatives it solves a smoothed one.
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hybrid_sysid_ros.core.friction.contact import TINY, Contact, Field, Solved, rounded_sign, stefanski
-from hybrid_sysid_ros.core.mathematics import Scalar, absolute, maximum, saturate
+from hybrid_sysid_ros.core.mathematics import Scalar, absolute, maximum, saturate, select
 
 Fields = Mapping[str, Any]
 """Values of a contact's fields."""
+
+Way = Callable[[Scalar], Scalar]
+"""A direction -> 1 + direction against a push upwards, 1 - direction against one downwards."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,11 +23,17 @@ class _Stick(Contact, ABC):
 
     creep: Field = 0.0
     """Speed below which the friction is viscous; 0: it sticks exactly."""
-    fields: ClassVar[tuple[str, ...]] = ("viscous", "creep")
+    direction: Field = 0.0
+    """Share by which the level is higher against a push upwards, and lower against one downwards; within -1 to 1."""
+    fields: ClassVar[tuple[str, ...]] = ("viscous", "creep", "direction")
 
     @abstractmethod
     def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
-        """The level during this step."""
+        """The level during this step, without a direction."""
+
+    def directed(self, v: Scalar, hidden: Sequence[Scalar], way: Way, smoothing: Scalar | None, at: Fields) -> Scalar:
+        """The level during this step against a push of sign ``way``: at rest the velocity has no sign."""
+        return way(at.get("direction", 0.0)) * self.level_now(v, hidden, smoothing, at)
 
     def after(
         self, v: Scalar, following: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
@@ -44,10 +53,21 @@ class _Stick(Contact, ABC):
         """Solve z = pushed - h D v / 2;  v+ = (z - sat(z c / (vc (1 + h D / 2) + c), c)) / (1 + h D / 2),   c = h F.
 
         With vc = 0 and |z| <= h F the velocity is exactly zero: it sticks. Moreau's time stepping for one contact
-        (Moreau 1988; Acary & Brogliato 2008, section 1.4.3.4) with a regularised sign.
+        (Moreau 1988; Acary & Brogliato 2008, section 1.4.3.4) with a regularised sign. F is that of the sign of z.
         """
-        capacity, half = h * self.level_now(v, hidden, smoothing, at), 0.5 * h * at["viscous"]
+        half = 0.5 * h * at["viscous"]
         push = pushed - half * v
+
+        def way(direction: Scalar) -> Scalar:
+            if isinstance(direction, float | int):
+                if direction == 0.0:
+                    return 1.0
+                direction = float(direction)
+            if smoothing is None:
+                return select(push > 0.0, 1.0 + direction, 1.0 - direction)
+            return 1.0 + direction * rounded_sign(push, smoothing)
+
+        capacity = h * self.directed(v, hidden, way, smoothing, at)
         # The ratio first: with vc = 0 it is 1 to the last bit, and the velocity 0.
         ratio = capacity / maximum(at["creep"] * (1.0 + half) + capacity, TINY)
         following = (push - saturate(push * ratio, capacity, smoothing)) / (1.0 + half)
@@ -59,7 +79,7 @@ class Dry(_Stick):
     """Dry friction with a given level."""
 
     level: Field
-    fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "creep")
+    fields: ClassVar[tuple[str, ...]] = (*_Stick.fields, "level")
 
     def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
         return at["level"]
@@ -85,16 +105,19 @@ class Ageing(Dry):
     """T [s]."""
     memory: Field
     """L, the sliding displacement that renews the contact."""
+    rest_direction: Field = 0.0
+    """Share by which the excess is higher against a push upwards, and lower against one downwards."""
     renewed: str = "renewed"
     """Name of the hidden state."""
-    fields: ClassVar[tuple[str, ...]] = (*Dry.fields, "excess", "rest_time", "memory")
+    fields: ClassVar[tuple[str, ...]] = (*Dry.fields, "excess", "rest_time", "memory", "rest_direction")
 
     @property
     def hidden(self) -> tuple[str, ...]:
         return (f"{self.renewed} [1]",)
 
-    def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
-        return at["level"] + at["excess"] * (1.0 - hidden[0])
+    def directed(self, v: Scalar, hidden: Sequence[Scalar], way: Way, smoothing: Scalar | None, at: Fields) -> Scalar:
+        excess = at["excess"] * (1.0 - hidden[0])
+        return way(at.get("direction", 0.0)) * at["level"] + way(at.get("rest_direction", 0.0)) * excess
 
     def after(
         self, v: Scalar, following: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
