@@ -24,11 +24,13 @@ from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, joined
-from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.extensions.vision.scene import scene_of, with_pivot
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.errors import UserError
 
 KEPT = Path("out/meaning_films")
+CLICK = 0.006
+"""Widths that a clicked pivot is off."""
 RIGHTLY, WORST, LEVEL, INSIDE, SHAKE = 38, 0.03, 1.645, (0.85, 0.95), "one pixel of shake"
 """Asked: films that are read or refused rightly; error of an accepted one [degrees rms]; share of the pictures inside
 their 90 % intervals; the names of those with a pixel of shake begin so."""
@@ -37,8 +39,8 @@ their 90 % intervals; the names of those with a pixel of shake begin so."""
 def read(film: Path, rig: Rig, bag: Path | None, case: FilmCase) -> VideoRecord:
     """As the command does, without layers. Raises UserError as it does."""
     view = FilmView(path=film).steadied()
-    sized = case.size == 1.0
-    layers, _ = learn(picked(view), rig, readout=case.readout, sized=sized)
+    rig = with_pivot(rig, (case.pivot[0] + CLICK, case.pivot[1] - CLICK)) if case.clicked else rig
+    layers, _ = learn(picked(view), rig, readout=case.readout, sized=not case.clicked)
     footage = followed(view, AngleReader(layers), None)
     return joined(footage, layers, rig, bag, exposure=case.exposure)
 

@@ -91,6 +91,8 @@ class FilmCase:
     """s at rest before the motion."""
     pace: float = 1.0
     """Seconds of the film's times in a second."""
+    clicked: bool = False
+    """Whether the pivot is given, some pixels off, as it is clicked."""
     read_as: str = ""
     """The rig that the film is said to be of; "": what it is."""
     seed: int = 0

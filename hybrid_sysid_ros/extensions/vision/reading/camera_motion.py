@@ -29,6 +29,7 @@ CERTAIN = 2.5  # deviations of a measured motion: the same
 FARTHEST = 0.15  # widths: how far a camera may look elsewhere
 DISPLACED = 1.5  # pixels of 640: a camera that looks farther beside was moved, and sees the joint otherwise
 ROLLS = 0.02  # rad rms: what rolls more is no camera, but the joint
+MANY = 40  # features: a few are easily lost, so many only with the place
 LOST = 0.2  # share of the pictures in which the camera's motion may be unknown
 
 
@@ -158,7 +159,12 @@ def motion_of_camera(view: FilmView, background: NDArray[np.floating] | None = N
         pose, residuals[number] = tracker.pose(picture, known, scale)
         known = poses[number] = pose if np.isfinite(residuals[number]) else known
     if np.isnan(residuals).mean() > LOST:
-        return None
+        if len(tracker.features) < MANY:
+            return None
+        raise UserError(
+            f"the camera was moved: what stands in it is not seen any more from {_lost_at(view, residuals):.3g} s on: "
+            "put it on a tripod, or cut the film there"
+        )
     places = _moved(poses, _looks(reference.shape))
     beside = places - np.median(places, axis=0)
     # features tell a place between them about as well as their mean, at the sides half as well
@@ -241,7 +247,13 @@ class _Tracker:
 
 def _standing(tracker: _Tracker, few: list[Picture], scale: float) -> NDArray[np.bool_]:
     """Features that stand: those of a tripod where there are enough, or else those that go together."""
-    places = np.stack([tracker.found(picture, np.eye(3)) for picture in few])
+    places, middle = np.full((len(few), len(tracker.features), 2), np.nan, dtype=np.float32), len(few) // 2
+    for order in (range(middle, len(few)), range(middle - 1, -1, -1)):  # so that each is near the one before
+        near = np.eye(3)
+        for k in order:
+            places[k] = tracker.found(few[k], near)
+            pose, residual = tracker.fitted(places[k], np.isfinite(places[k, :, 0]), scale)
+            near = pose if np.isfinite(residual) else near
     beside = places - tracker.features
     still = np.hypot(beside[..., 0], beside[..., 1]) < UNMOVED * scale
     unmoved = still.mean(axis=0) > STANDING
@@ -278,6 +290,13 @@ def _looks(shape: tuple[int, ...]) -> Array:
     """Places (5, 2) at which a motion is judged: the middle, and half-way to the corners."""
     rows, columns = shape
     return np.array([[x * columns, y * rows] for x, y in ((0.5, 0.5), (0.2, 0.2), (0.8, 0.2), (0.2, 0.8), (0.8, 0.8))])
+
+
+def _lost_at(view: FilmView, residuals: Array) -> float:
+    """When more than half of a second's pictures are not like the reference for the first time [s]."""
+    times = np.array([time for time, _ in view.pictures()])
+    lost = np.convolve(np.isnan(residuals), np.ones(15) / 15.0, mode="same") > 0.5
+    return float(times[int(np.argmax(lost))])
 
 
 def _displaced(places: NDArray[np.float64], shape: tuple[int, ...]) -> float:

@@ -26,7 +26,8 @@ LEARNED_FROM = 160
 SHOWN = 4  # pictures that are kept to be shown
 LOOKS, APART = 16, 10
 """Pictures, and how far apart, by which a moved camera is known; who comes by is in less than half of them."""
-FROZEN = 3  # pictures in a row that are the same to the last bit: a camera that hangs
+FROZEN, JUMP = 3, 1.0
+"""Pictures in a row that are the same to the last bit, and pixels of the sprite's end: a camera that hangs."""
 GAP = 1.5  # times as far apart as most are pictures between which one is missing
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
@@ -120,13 +121,12 @@ def followed(
     in a way that can't be taken out.
     """
     rows, times, lamps, free = list[Reading](), list[float](), list[float](), list[FreeReading]()
-    frozen, shown, sceneries = list[bool](), list[tuple[float, Picture, Reading]](), list[Array]()
-    before, run, every = None, 0, 1
+    same, shown, sceneries = list[bool](), list[tuple[float, Picture, Reading]](), list[Array]()
+    before, every = None, 1
     for time, picture in view.pictures():
         reading = reader.read(picture)
-        run = run + 1 if before is not None and np.array_equal(picture, before) else 0
+        same.append(reader.lit and before is not None and np.array_equal(picture, before))
         before = picture
-        frozen.append(reader.lit and run >= FROZEN - 1)
         times.append(time)
         rows.append(reading)
         free.append(reader.read_freely(picture, reading.angle, reader.gains))
@@ -158,7 +158,7 @@ def followed(
             f"{view.path}: {lost:.0%} of its pictures are not what the layers of {layers.geometry.rig} explain: "
             "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
-    still, angles = np.array(frozen), steady.angles
+    still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
     angles[still] = np.nan
     middle = np.nan_to_num([layers.row_time(row) for row in steady.rows])
     good = [item for item in shown if item[2].found] or shown
@@ -175,6 +175,26 @@ def followed(
         view=view,
         wander=steady.wander,
     )
+
+
+def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDArray[np.bool_]:
+    """Pictures (pictures,) of a camera that hangs: the same as those before, where the sprite's end jumps by JUMP
+    before or after them. Where it does not, the joint rests, and a codec repeats its picture.
+    """
+    found = np.zeros(len(same), dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
+    for first, end in edges.reshape(-1, 2).tolist():
+        begin = first - 1  # the one that is repeated
+        ends = [(begin - 1, begin), (end - 1, end)]
+        jumps = [_turn(angles[k] - angles[i]) for i, k in ends if i >= 0 and k < len(angles)]
+        if end - begin >= FROZEN and np.nanmax([*jumps, 0.0]) * reach > JUMP:
+            found[begin + FROZEN - 1 : end] = True
+    return found
+
+
+def _turn(angle: float) -> float:
+    """Its size, the shorter way round [rad]."""
+    return abs((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _when(times: Sequence[float], first: int) -> str:

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.extensions.vision.camera.filming import SceneMotion, experiment
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
 from hybrid_sysid_ros.extensions.vision.reading import joint_reference, video_record
-from hybrid_sysid_ros.extensions.vision.reading.footage import Footage
+from hybrid_sysid_ros.extensions.vision.reading.footage import Footage, frozen_pictures
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import JointReference, MotionSource
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -94,3 +94,13 @@ def test_a_written_bag_is_read_with_the_camera_in_the_sensors_place(name: str, t
     assert seen.sampling_time == pytest.approx(own.sampling_time)
     for column in range(len(system.outputs)):
         assert np.ptp(seen.output[:, column]) == pytest.approx(np.ptp(own.output[:, column]), rel=0.1)
+
+
+@pytest.mark.parametrize(("jump", "hangs"), [(0.0, False), (0.02, True)])
+def test_equal_pictures_are_a_camera_that_hangs_only_where_the_joint_jumps(jump: float, hangs: bool) -> None:
+    """A codec repeats its picture while the joint rests."""
+    same, angles = np.zeros(40, dtype=bool), np.zeros(40)
+    same[10:30], angles[30:] = True, jump
+    found = frozen_pictures(same, angles, reach=150.0)
+    assert found.any() == hangs
+    assert not hangs or found.sum() == 19
