@@ -17,6 +17,8 @@ ENOUGH = 20  # pictures
 OUTLIER = 5.0  # deviations
 WANDERS = 0.12  # pixels of 640: a pivot that moves less, rms, stands
 LEAVES = 3.0  # pixels of 640: one that moves more, the camera's motion taken out, is no pivot
+ROLLED = 0.6  # of what the pivot still moves by from picture to picture, that what stands is uncertain by in its roll
+LAYERS = 1.2  # times as large are errors as the pictures alone say, as learned layers have their own
 LEVER = 0.3  # of the width: the distance over which what stands tells how the camera rolls
 
 
@@ -51,7 +53,7 @@ def steady_angles(
     freely = np.array([[row.angle, row.deviation, row.row, row.x, row.y, row.beside] for row in free])
     known = np.isfinite(about[:, 0]) & np.isfinite(freely).all(axis=1)
     pixel = layers.background.shape[1] / 640.0
-    wander = _wander(freely[known], pixel) if known.sum() >= ENOUGH else 0.0
+    wander, unsteady = _wander(freely[known], pixel) if known.sum() >= ENOUGH else (0.0, 0.0)
     if wander > WANDERS * pixel and motion is None:
         raise UserError(
             f"the camera shakes: the joint's pivot moves by {wander:.2g} pixels in the pictures, rms, and too little "
@@ -67,10 +69,10 @@ def steady_angles(
     apart = (freely[known, 0] - about[known, 0]) ** 2 - freely[known, 1] ** 2
     common = 0.0 if moves or not known.any() else max(float(np.median(apart)) / 0.455, 0.0)  # of a chi-square
     if motion is not None:
-        uncertain = motion.deviation if moves else min(motion.shake, motion.deviation)
+        uncertain = max(motion.deviation, ROLLED * unsteady) if moves else min(motion.shake, motion.deviation)
         common += (uncertain / (LEVER * motion.width)) ** 2
     angles = np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan)
-    deviations = np.sqrt(chosen[:, 1] ** 2 + common)
+    deviations = LAYERS * np.sqrt(chosen[:, 1] ** 2 + common)
     return SteadyAngles(
         angles=angles,
         deviations=deviations,
@@ -80,8 +82,10 @@ def steady_angles(
     )
 
 
-def _wander(free: Array, pixel: float) -> float:
-    """How far the place moves, rms, without outliers, a pivot that is off, and what its own deviation is."""
+def _wander(free: Array, pixel: float) -> tuple[float, float]:
+    """How far the place moves, rms, without outliers, a pivot that is off, and what its own deviation is; and the same
+    of what is new in each picture.
+    """
     angles, moves = free[:, 0], free[:, 3:5]
     regressors = np.column_stack([np.ones(len(angles)), np.cos(angles), np.sin(angles)])
     used = np.ones(len(angles), dtype=bool)
@@ -89,5 +93,8 @@ def _wander(free: Array, pixel: float) -> float:
         fitted = np.linalg.lstsq(regressors[used], moves[used], rcond=None)[0]
         left = np.hypot(*(moves - regressors @ fitted).T)
         used = left <= OUTLIER * max(float(np.median(left)), 0.01 * pixel)
-    excess = np.mean(left[used] ** 2) - np.mean(free[used, 5] ** 2)
-    return float(np.sqrt(max(excess, 0.0)))
+    own = float(np.mean(free[used, 5] ** 2))
+    new = np.diff(moves - regressors @ fitted, axis=0)[used[1:] & used[:-1]]
+    excess = float(np.mean(left[used] ** 2)) - own
+    changing = 0.5 * float(np.mean((new**2).sum(axis=1))) - own if len(new) else 0.0
+    return float(np.sqrt(max(excess, 0.0))), float(np.sqrt(max(changing, 0.0)))
