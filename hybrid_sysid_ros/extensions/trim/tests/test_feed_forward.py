@@ -1,6 +1,7 @@
 """Feed-forward of a model: a course that it asks for is one that the model flies."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ RIG = load("winged_cone")
 GIVEN = RIG.experiments.feedback
 assert GIVEN is not None
 FEEDBACK: Feedback = GIVEN
-MODEL = replace(RIG.structures["known_air"], density=1.02, mass=134_000.0)
+KNOWN_AIR: Any = RIG.structures["known_air"]
+MODEL = replace(KNOWN_AIR, density=1.02, mass=134_000.0)
 
 
 def test_values_that_are_held_are_an_equilibrium():
