@@ -18,7 +18,6 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.rollout import one_step
 from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -27,7 +26,6 @@ from hybrid_sysid_ros.identification.validation.friction_curve import friction_c
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
 
 SECONDS, RATE, ASKED = 20.0, 60.0, 0.03
 DISC: Mapping[str, Any] = {"joint": "bit", "pivot": [0.5, 0.281], "sprite": [{"disc": 0.2}]}
@@ -36,9 +34,13 @@ FILMED: Mapping[str, tuple[str, ...]] = {
     "cam_beam": ("multisine", "random_steps"),
     "flexible_joint": ("multisine", "random_steps"),
     "wheel_motor": ("multisine", "random_steps"),
-    "drill_string": ("random_steps", "slow_steps"),
+    "drill_string": ("random_steps", "multisine"),
 }
-INSTANT = 1e-6  # s
+STRIBECK: Mapping[str, tuple[str, ...]] = {
+    "flexible_joint": ("coulomb", "static_excess", "stribeck_speed", "viscous_friction"),
+    "drill_string": ("coulomb", "static_excess", "stribeck_speed", "bit_damping"),
+}
+"""Parameters of the curves of rigs with several velocities."""
 
 
 def filmed_rig(name: str) -> Rig:
@@ -57,7 +59,7 @@ def records(rig: Rig, kind: str, seed: int) -> tuple[Record, Record]:
     )  # fmt: skip
     with TemporaryDirectory() as place:
         folder = Path(place)
-        motion = experiment(rig, kind, folder / "bag", seed=seed, duration=SECONDS, rate=200.0)
+        motion = experiment(rig, kind, folder / "bag", seed=seed, duration=SECONDS, rate=200.0, disturbed=False)
         reach = max(patch.reach for patch in scene.sprite)
         write(folder / "film.mp4", SecondRenderer(case, motion.times, motion.angles, reach))
         record = read(folder / "film.mp4", rig, folder / "bag", case)
@@ -70,22 +72,14 @@ def records(rig: Rig, kind: str, seed: int) -> tuple[Record, Record]:
         return bags.read(folder / "bag", rig.signals), bags.read(folder / "seen", signals)
 
 
-def friction(system: System, speeds: Array) -> Array:
-    """Over speeds (speeds,): as an input where that is one number, and otherwise as what it takes of the speed that
-    rubs, at rest of all else [1/s].
+def friction(rig: str, system: System, speeds: Array) -> Array:
+    """Over speeds (speeds,): as an input, where the rig has one velocity, and otherwise as the torque of its Stribeck
+    curve, c + s exp(-(v / w)^2) + d v.
     """
-    try:
+    if rig not in STRIBECK:
         return friction_curve(system, speeds).inputs
-    except UserError:
-        names = [item.name for item in system.states]
-        rubs = names.index(next(iter(system.contacts)).on)
-
-        def lost(speed: float) -> float:
-            state = np.zeros(len(names))
-            state[rubs] = speed
-            return float(speed - one_step(system, state, np.zeros(len(system.inputs)), step=INSTANT)[rubs]) / INSTANT
-
-        return np.array([0.5 * (lost(speed) - lost(-speed)) for speed in speeds.tolist()])
+    level, excess, width, viscous = (system.named[name] for name in STRIBECK[rig])
+    return np.asarray(level + excess * np.exp(-((speeds / width) ** 2)) + viscous * speeds)
 
 
 def difference(name: str) -> float:
@@ -99,7 +93,9 @@ def difference(name: str) -> float:
     rubs = next(iter(rig.system.contacts)).on
     low, high = own.training_range[rubs]
     speeds = max(-low, high) * np.linspace(0.05, 1.0, 40)
-    found = float(np.sqrt(np.mean((friction(seen.system, speeds) / friction(own.system, speeds) - 1.0) ** 2)))
+    found = float(
+        np.sqrt(np.mean((friction(name, seen.system, speeds) / friction(name, own.system, speeds) - 1.0) ** 2))
+    )
     KEPT.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps({"difference": found}), encoding="utf-8")
     print(f"  {name}: {found:.2%}", flush=True)

@@ -31,8 +31,9 @@ class SceneMotion:
 
 
 def experiment(
-    rig: Rig, kind: str, bag: Path, *, seed: int, duration: float, rate: float, overwrite: bool = False
-) -> SceneMotion:
+    rig: Rig, kind: str, bag: Path, *, seed: int, duration: float, rate: float, overwrite: bool = False,
+    disturbed: bool = True,
+) -> SceneMotion:  # fmt: skip
     """Simulate an experiment into a bag, as :func:`~hybrid_sysid_ros.rigs.experiments.simulate_experiment` does, and
     return the motion of its scene's joint; that of one without a position is its velocity summed up.
 
@@ -40,7 +41,7 @@ def experiment(
     """
     scene, seen = scene_of(rig), list[Array]()
     simulate_experiment(
-        rig, kind, bag, seed=seed, duration=duration, rate=rate, overwrite=overwrite,
+        rig, kind, bag, seed=seed, duration=duration, rate=rate, overwrite=overwrite, disturbed=disturbed,
         watch=lambda plant: seen.append(plant.state.copy()),
     )  # fmt: skip
     return SceneMotion(
