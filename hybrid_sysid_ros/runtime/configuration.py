@@ -238,7 +238,7 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
             np.array([item.scale * item.low if item.moves else math.nan for item in ranges]),
             np.array([item.scale * item.high if item.moves else math.nan for item in ranges]),
         ),
-        recent=math.ceil((RECENT + rig.system.delay) * defaults(rig, "plant")["rate"]) + 1,
+        recent=RECENT + rig.system.delay,
         tolerance=values["actuator_tolerance"],
         low=low,
         high=high,

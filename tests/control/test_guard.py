@@ -18,7 +18,7 @@ UNKNOWN = np.full(1, math.nan)
 def guard(**changes):
     given = {
         "act": True, "ladder": LADDER, "slow_share": 0.5, "resume_rate": np.array([2.0]), "tolerance": 0.05,
-        "recent": RECENT, "reach": (np.array([-3.0]), np.array([np.nan])),
+        "recent": RECENT * STEP, "reach": (np.array([-3.0]), np.array([np.nan])),
         "low": np.array([-10.0]), "high": np.array([10.0]), "rate": np.array([np.inf]),
         "state_low": np.array([-1.0, -np.inf]), "state_high": np.array([1.0, np.inf]), **changes,
     }  # fmt: skip
@@ -100,14 +100,27 @@ def test_an_actuator_is_held_against_the_recent_commands():
     assert found.evidence[ACTUATOR] >= 1.0  # a volt below rest, of a tolerance of a volt
     judge(found, 1)
     assert found.evidence[ACTUATOR] == 0.0, "what acts is not known"
-    for _ in range(RECENT):
+    for _ in range(RECENT + 1):
         found.commanded(np.array([8.0]))
+        judge(found, 1)
     levels = judge(found, 60, applied=np.array([0.0]))
     assert levels[-1] is LoopState.RESTING
     assert "actuator" in found.reason
     assert not found.trusts_actuators
     judge(found, 60)
     assert found.trusts_actuators
+
+
+@pytest.mark.parametrize("step", [0.001, 0.002, 0.01, 0.02])
+def test_an_actuator_has_the_same_time_at_any_rate_of_commands(step):
+    found, allowed = guard(), RECENT * STEP
+    found.commanded(np.array([8.0]))
+    late = []
+    for _ in range(round(2.0 * allowed / step)):
+        found.judge(0.0, 0.0, np.zeros(1), np.zeros(2), step)
+        found.commanded(np.array([8.0]))
+        late.append(found.evidence[ACTUATOR] > 0.0)
+    assert late.index(True) * step == pytest.approx(allowed, abs=2.0 * step)
 
 
 @pytest.mark.parametrize(("gain", "evident"), [(-1.0, True), (0.0, True), (0.2, True), (0.8, False), (1.2, False)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,8 @@ REASONS = {
 """Kinds of evidence, in words."""
 RECENT = 0.05
 """Time [s], beside its delay, for which an actuator may still be carrying out a command."""
+REMEMBERED = 64
+"""Commands: at 1 kHz those of RECENT and a little more."""
 UNLIKE = 0.5
 """Share of what an actuator was commanded, as a root mean square, by which it may miss that."""
 SMALL = 0.1
@@ -47,8 +50,8 @@ class GuardSettings:
     """(p,): by which the reference moves on when the loop comes back [output unit/s]."""
     reach: tuple[Array, Array]
     """Lowest and highest set-points (p,), NaN where there is no limit."""
-    recent: int
-    """Commands, one of which an actuator may still be carrying out."""
+    recent: float
+    """Time [s] after which an actuator does not carry out a command any more that another one has replaced."""
     tolerance: float
     """Share of its range by which an actuator may differ from its commands."""
     low: Array
@@ -80,7 +83,7 @@ class Guard:
         self._limited = bool(np.isfinite(settings.rate).any())
         width = settings.state_high - settings.state_low
         self._outside = OUTSIDE * np.where(np.isfinite(width), width, np.maximum(1.0, np.abs(self._finite())))
-        self._recent = np.zeros((settings.recent, len(self._span)))
+        self._recent, self._replaced = np.zeros((REMEMBERED, len(self._span))), np.zeros(REMEMBERED)
         self.evidence = dict.fromkeys(REASONS, 0.0)
         self.begin()
 
@@ -93,14 +96,16 @@ class Guard:
         """Forget the past."""
         self.failsafe.reset()
         self.governor.release()
-        self._recent[:] = self._middle
+        self._recent[:], self._replaced[:] = self._middle, math.inf  # [s] ago; the newest one never was
         self._row, self._share = 0, 1.0
+        self._replaced[self._row] = -math.inf
         self._missed, self._asked = np.zeros(len(self._span)), np.zeros(len(self._span))
 
     def go_on(self, other: Guard) -> None:
         """Go on where another guard of the loop is, which this one replaces."""
         self.failsafe.go_on(other.failsafe)
         self.governor, self._recent, self._row = other.governor, other._recent, other._row
+        self._replaced = other._replaced
         self._missed, self._asked, self._share = other._missed, other._asked, other._share
 
     def judge(self, doubt: float, without: float, applied: Array, state: Array, elapsed: float) -> LoopState:
@@ -130,8 +135,10 @@ class Guard:
     def _actuators(self, applied: Array, elapsed: float) -> float:
         """Evidence that actuators don't do what was commanded."""
         tolerance, share = self.settings.tolerance * self._span, min(elapsed / AVERAGE, 1.0)
-        asked = self._recent.mean(axis=0) - self._middle
-        away = np.abs(applied - np.clip(applied, self._recent.min(axis=0), self._recent.max(axis=0)))
+        self._replaced += elapsed
+        recent = self._recent[self._replaced <= self.settings.recent]
+        asked = recent.mean(axis=0) - self._middle
+        away = np.abs(applied - np.clip(applied, recent.min(axis=0), recent.max(axis=0)))
         known = away == away
         self._missed += share * (np.where(known, away, 0.0) ** 2 - self._missed)
         self._asked += share * (np.where(known, asked, 0.0) ** 2 - self._asked)
@@ -188,5 +195,6 @@ class Guard:
 
     def commanded(self, inputs: Array) -> None:
         """Remember a command (m,) that was sent."""
-        self._recent[self._row] = inputs
-        self._row = (self._row + 1) % len(self._recent)
+        self._replaced[self._row] = 0.0
+        self._row = (self._row + 1) % REMEMBERED
+        self._recent[self._row], self._replaced[self._row] = inputs, -math.inf
