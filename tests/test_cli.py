@@ -142,7 +142,9 @@ def test_a_score_begins_as_it_is_told(command, linear_model):
     for options in ([], ["--initial", "first"], ["--initial", "position=0.2"], ["--warm-up", "100"]):
         status, out, error = command("evaluate", linear_model, MULTISINE, *options, "--json")
         assert status == 0, error
-        scores.append(json.loads(out)["records"]["beam_multisine"]["r2"])
+        found = json.loads(out)["records"]["beam_multisine"]
+        scores.append(found["r2"])
+        assert 0.0 < found["bands"]["0.5"]["position"]["half"] < found["bands"]["0.9"]["position"]["half"]
     assert len(set(scores)) == 4
     assert scores[2] < scores[0]
     refused(command("evaluate", linear_model, MULTISINE, "--warm-up", "100000"), "warm-up", "100000")

@@ -12,7 +12,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.trust import importing, intervals, records
+from benchmarks.trust import bands, importing, intervals, records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 
 NAME = "trust"
@@ -20,6 +20,7 @@ PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "import": importing.measured,
     "check": records.measured,
     "intervals": intervals.measured,
+    "bands": bands.measured,
 }
 
 
@@ -39,6 +40,13 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append((f"90 % intervals of {name} that hold", held, asked, enough and low <= held <= high))
         least = min(case["held"].values(), default=0.0)
         made.append(("the same of its worst parameter", least, f">= {low:g}", enough and least >= low))
+    if part := found.get("bands"):
+        low, high = bands.WITHIN
+        made.append(("samples in 90 % bands", part["held_90"], f"{low:g} to {high:g}", low <= part["held_90"] <= high))
+        made.append(("of the worst record", part["least"], f">= {bands.LEAST:g}", part["least"] >= bands.LEAST))
+        made.append(("width of the narrowest", part["width"], f"<= {bands.WIDEST:g}", part["width"] <= bands.WIDEST))
+        limit = bands.SLOWEST
+        made.append(("time of bands [free runs]", part["free_runs"], f"<= {limit:g}", part["free_runs"] <= limit))
     return made
 
 
@@ -61,6 +69,8 @@ def main() -> int:
             console.print(f"{kind}: {case['right']} of 9, {case['first']}")
     for name, case in found.get("intervals", {}).items():
         console.print(f"{name}: " + ", ".join(f"{key} {share:.2f}" for key, share in case["held"].items()))
+    for name, rows_of in found.get("bands", {}).get("records", {}).items():
+        console.print(f"{name}: " + ", ".join(f"{key} {row['held_90']:.2f}" for key, row in rows_of.items()))
     for name, words in found.get("check", {}).get("accused", {}).items():
         console.print(f"accused: {name}: {words}")
     if chosen == list(PARTS):

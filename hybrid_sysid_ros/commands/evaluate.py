@@ -18,6 +18,7 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status, typ
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
+from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.identification.validation.input_bias import adapt
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
@@ -80,6 +81,7 @@ def command(
         if not qualities.get(record.name, GOOD).judged:
             ahead[record.name] = predictions(loaded.system, experiment_of(loaded, record, part=chosen), None)
     biases = {name: run.content(loaded.system) for name, run in runs.items()}
+    bands = _bands(loaded, [record for record in records if record.name in scores], chosen)
     loops, skipped = _loops(loaded, records, chosen, described)
     for reason in skipped.values():
         status.print(f"no closed loop: {reason}")
@@ -92,6 +94,7 @@ def command(
             record.name: {
                 **scores.get(record.name, {}),
                 **({"ahead": [_row(item) for item in ahead[record.name]]} if record.name in ahead else {}),
+                **({"bands": bands[record.name]} if record.name in bands else {}),
                 **({"doubt": vars(qualities[record.name])} if record.name in qualities else {}),
                 "closed_loop": loops.get(record.name),
             }
@@ -109,6 +112,8 @@ def command(
             print_table(_ahead_table(ahead, described))
         if scores:
             print_table(terminal.score_table(scores, described, "free run", loops))
+        if bands:
+            print_table(_band_table(bands, described))
         if biases:
             print_table(terminal.bias_table(biases, described, adapted))
 
@@ -142,6 +147,33 @@ def _qualities(
             quality = run_quality(model.system, experiment_of(model, record, part=part))
             found.update({record.name: quality} if quality.kind else {})
     return found
+
+
+def _bands(model: Model, records: Sequence[Record], part: Part) -> dict[str, dict[str, Any]]:
+    """By record and level, what the bands of its free run hold."""
+    found = {}
+    for record in records:
+        experiment = experiment_of(model, record, part=part)
+        if bands := bands_of(model, experiment):
+            found[record.name] = {f"{band.level:g}": band.content(model.system, experiment) for band in bands}
+    return found
+
+
+def _band_table(bands: Mapping[str, Mapping[str, Any]], rig: Rig) -> Table:
+    """Table of what bands hold, and of their widths in the outputs' display units."""
+    levels = list(next(iter(bands.values())))
+    columns = [text for level in levels for text in (f"{float(level):.0%} band holds", "half width")]
+    table = Table(
+        "record", "output", *columns, title="bands of the free run, by parameters, inputs and training errors"
+    )
+    for record, found in bands.items():
+        for item, display in zip(rig.system.outputs, rig.display, strict=True):
+            cells = []
+            for level in levels:
+                own = found[level][item.name]
+                cells += [f"{own['held']:.0%}", f"{float(display.shown(own['half'])):.3g} {display.unit}"]
+            table.add_row(record, item.name, *cells)
+    return table
 
 
 def _loops(

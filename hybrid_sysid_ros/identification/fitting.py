@@ -161,6 +161,7 @@ def fit(
         covariance=robust[shared, shared] * units,
         by_cost=inverse[shared, shared] * units,
         step_error=np.zeros(0) if shifts is None else (inverse @ (jacobian.T @ shifts[0]))[shared] * problem.scales,
+        effective=float(np.trace(inverse @ (jacobian[: edges[-1]].T @ jacobian[: edges[-1]]))),
         block_spread=block_spread(jacobian, solution.fun, edges)[shared] * problem.scales,
         nuisances=problem.named_nuisances(solution.x),
         relative_error=relative,

@@ -17,6 +17,7 @@ from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.parameter_groups import groups
 from hybrid_sysid_ros.identification.part import Part, parts_of, without_gaps
 from hybrid_sysid_ros.identification.shooting import check_sampling
+from hybrid_sysid_ros.identification.validation.bands import Uncertainty, band_calibration
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
 from hybrid_sysid_ros.models import Model, Sampling
@@ -78,6 +79,12 @@ def identify(
         *zip(rig.system.states, np.concatenate([item.states for item in shown]).T, strict=True),
         *zip(rig.system.inputs, np.concatenate([item.inputs for item in experiments]).T, strict=True),
     ]
+    ranges = {variable.name: (float(column.min()), float(column.max())) for variable, column in columns}
+    bands = None
+    if rig.experiments.stabiliser is None:
+        spans = np.array([np.ptp(ranges[item.name]) for item in rig.system.inputs])
+        known = Uncertainty(names=fitted.names, covariance=fitted.covariance, effective=fitted.effective, spans=spans)
+        bands = band_calibration(fitted.system, experiments, known)
     return Model(
         rig=rig.name,
         place="" if rig.source == rig.name else rig.source,
@@ -86,7 +93,7 @@ def identify(
         sampling=holds,
         names=fitted.names,
         covariance=fitted.covariance,
-        training_range={variable.name: (float(column.min()), float(column.max())) for variable, column in columns},
+        training_range=ranges,
         records=tuple(
             {"name": r.name, "source": Path(r.source).name, "sha256": r.digest, "part": [p.start, p.stop]}
             for r, p in zip(records, parts, strict=True)
@@ -99,6 +106,7 @@ def identify(
             "evaluations": fitted.evaluations,
             "seed": seed,
             **({"block_spread": dict(zip(fitted.names, fitted.block_spread.tolist(), strict=True))} if spread else {}),
+            **({"bands": bands} if bands else {}),
             **_biases(fitted, [record.name for record in used]),
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
             **({"groups": [group.content for group in known_together]} if known_together else {}),

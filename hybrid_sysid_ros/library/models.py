@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,6 +15,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import identify as identified
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
@@ -81,6 +82,7 @@ class Model(models.Model):
             measured=experiment.outputs,
             outputs=outputs,
             states=states,
+            bands={band.level: band.half for band in bands_of(self, experiment)},
         )
 
     def plot(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> Any:
@@ -113,6 +115,8 @@ class FreeRun:
     """(samples, p), simulated."""
     states: Array
     """(samples, n), simulated."""
+    bands: Mapping[float, Array] = field(default_factory=dict)
+    """Half of the width of the bands about the outputs, (samples, p), by level: .5 and .9; empty for models without."""
 
     def __repr__(self) -> str:
         return f"FreeRun({self.name}: {self.time[-1]:g} s, {len(self.time)} samples)"
@@ -133,7 +137,7 @@ class FreeRun:
         """Draw measured and simulated outputs and their difference: a plotly figure (extra ``report``)."""
         from hybrid_sysid_ros.report.drawing import free_run_figure
 
-        return free_run_figure(self.rig, self.time, self.measured, self.outputs)
+        return free_run_figure(self.rig, self.time, self.measured, self.outputs, self.bands)
 
 
 def identify(

@@ -78,6 +78,8 @@ class Fit:
     """Their covariance from the curvature of the cost alone, as if errors were independent with deviation one."""
     step_error: Array = field(default_factory=lambda: np.zeros(0))
     """What the integration step moves each free parameter by, as part of their covariance, (free,) or empty."""
+    effective: float = 0.0
+    """How many free numbers, initial states included, the data determined, since priors hold the others."""
     block_spread: Array = field(default_factory=lambda: np.zeros(0))
     """Standard errors by the spread of blocks of the records, (free,) or empty."""
     nuisances: Mapping[str, Array] = field(default_factory=dict)

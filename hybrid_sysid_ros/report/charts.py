@@ -16,6 +16,7 @@ from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.support.arrays import Array
 
 MEASURED, MODEL, REFERENCE, INPUT, ERROR, BOUND = "#1f4e79", "#e8710a", "#8b95a1", "#2e7d4f", "#7b4fa3", "#c0392b"
+BAND = "rgba(232,113,10,.16)"
 LINES = ("#1f4e79", "#e8710a", "#2e7d4f", "#7b4fa3", "#c0392b", "#0f8b8d", "#a67c00", "#6b7683")
 """Colours of several records or structures in one figure."""
 TEXT, GRID = "#2b3440", "#e6e9ed"
@@ -82,6 +83,19 @@ def line(
     template = "%{y:.3f}"
     trace = go.Scatter(**data(x, y), mode="lines", name=name, line=line, showlegend=legend, hovertemplate=template)
     figure.add_trace(trace, row=row, col=1, secondary_y=False)
+
+
+def area(figure: go.Figure, row: int, x: Array, low: Array, high: Array, name: str, *, legend: bool = True) -> None:
+    """Shade what lies between two lines over time in a row of panels."""
+    shared: dict[str, Any] = {
+        "mode": "lines",
+        "line": {"width": 0},
+        "hoverinfo": "skip",
+        "legendgroup": f"{name} {row}",
+    }
+    figure.add_trace(go.Scatter(**data(x, low), **shared, showlegend=False), row=row, col=1, secondary_y=False)
+    filled = go.Scatter(**data(x, high), **shared, name=name, showlegend=legend, fill="tonexty", fillcolor=BAND)
+    figure.add_trace(filled, row=row, col=1, secondary_y=False)
 
 
 def second_scale(output: Variable, display: Display) -> tuple[str, float] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,14 +18,20 @@ HEIGHT, LOW = 230, 130
 """Height of a panel with an output, and of one with an error or an input [pixels]."""
 
 
-def free_run_figure(rig: Rig, time: Array, measured: Array, simulated: Array) -> Figure:
-    """Measured and simulated outputs (samples, p) [SI], each with its difference below. Raises UserError without
-    plotly.
+def free_run_figure(
+    rig: Rig, time: Array, measured: Array, simulated: Array, bands: Mapping[float, Array] | None = None
+) -> Figure:
+    """Measured and simulated outputs (samples, p) [SI], each with its difference below. bands: half widths
+    (samples, p) by level. Raises UserError without plotly.
     """
     rows = [height for _ in rig.display for height in (HEIGHT, LOW)]
     charts, figure = _panels(rows)
     for k, (item, display) in enumerate(zip(rig.system.outputs, rig.display, strict=True)):
         one, other, row = display.shown(measured[:, k]), display.shown(simulated[:, k]), 1 + 2 * k
+        for level, half in sorted((bands or {}).items(), reverse=True):
+            width = display.shown(half[:, k])
+            charts.area(figure, row, time, other - width, other + width, f"{level:.0%} band", legend=not k)
+            charts.area(figure, row + 1, time, -width, width, f"{level:.0%} band", legend=False)
         charts.line(figure, row, time, one, "measured", charts.MEASURED, legend=not k)
         charts.line(figure, row, time, other, "free run", charts.MODEL, legend=not k)
         difference = f"measured {charts.MINUS} free run"

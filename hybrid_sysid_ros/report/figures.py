@@ -17,6 +17,7 @@ from hybrid_sysid_ros.report.charts import (
     MINUS,
     MODEL,
     TEXT,
+    area,
     dress,
     line,
     logarithmic,
@@ -39,6 +40,11 @@ def free_run(run: FreeRunSection) -> go.Figure:
     """Measured and simulated output above, their difference below."""
     figure, display = panels(heights=[0.67, 0.33], height=330), run.display
     measured, simulated = display.shown(run.measured), display.shown(run.simulated)
+    for level, half in sorted(run.bands.items(), reverse=True):
+        width, name = display.shown(half), f"{level:.0%} band"
+        nominal = np.interp(run.residual_time, run.simulated_time, simulated)
+        area(figure, 1, run.residual_time, nominal - width, nominal + width, name)
+        area(figure, 2, run.residual_time, -width, width, name, legend=False)
     line(figure, 1, run.time, measured, "measured", MEASURED)
     line(figure, 1, run.simulated_time, simulated, run.kind, MODEL)
     residuals = display.shown(run.residuals)

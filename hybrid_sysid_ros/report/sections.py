@@ -15,6 +15,7 @@ from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.starts import initial_state
+from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
@@ -81,6 +82,8 @@ class FreeRunSection:
     """The re-simulated experiment in closed loop, if any."""
     skipped: str
     """Why it was not re-simulated."""
+    bands: Mapping[float, Array] = field(default_factory=dict)
+    """Half of the width of the run's bands at the scored samples, (scored samples,), by level."""
     kind: str = FREE
     """Kind of the run: free, or under the stabiliser of an unstable rig."""
 
@@ -170,6 +173,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
     stride = round(sampling.period / used.sampling_time)
     again, skipped = resimulations(system, [(record, part)], rig, sampling=sampling)
     names = [item.name for item in system.inputs]
+    bands = bands_of(model, experiment) if stabiliser is None else []
     found = []
     for k, output in enumerate(system.outputs):
         name = record.name if len(system.outputs) == 1 else f"{record.name}, {output.name}"
@@ -194,6 +198,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
                 horizons=replace(k_step_errors(system, experiment, output=k, run=run), name=name),
                 again=again.get(record.name) if k == 0 else None,
                 skipped=skipped.get(record.name, ""),
+                bands={band.level: band.half[:, k] for band in bands},
                 kind=FREE if stabiliser is None else HELD,
             )
         )

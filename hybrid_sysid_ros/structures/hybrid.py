@@ -189,7 +189,8 @@ def _together(members: Sequence[Fit]) -> dict[str, Any]:
     """
     first = members[0]
     if len(members) == 1:
-        return {"names": first.names, "covariance": first.covariance, "by_cost": first.by_cost}
+        keys = "names", "covariance", "by_cost", "effective", "block_spread"
+        return {key: getattr(first, key) for key in keys}
     physical = [i for i, name in enumerate(first.names) if not name.startswith("weight_")]
     places = [[item.name for item in first.system.parameters].index(first.names[i]) for i in physical]
     spread = np.atleast_2d(np.cov([found.system.values[places] for found in members], rowvar=False))
@@ -198,7 +199,12 @@ def _together(members: Sequence[Fit]) -> dict[str, Any]:
         for key in ("covariance", "by_cost")
     }
     covariance = means["covariance"] + spread / len(members)
-    return {"names": tuple(first.names[i] for i in physical), **means, "covariance": covariance}
+    return {
+        "names": tuple(first.names[i] for i in physical),
+        **means,
+        "covariance": covariance,
+        "block_spread": np.zeros(0),
+    }
 
 
 def closures_of(system: System, options: Mapping[str, Any]) -> tuple[str, ...]:

@@ -1,0 +1,100 @@
+"""Bands of free runs, against closed forms."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from hybrid_sysid_ros.core import System, bounded
+from hybrid_sysid_ros.identification import Part, identify, prepare
+from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.validation.bands import (
+    Uncertainty,
+    _best,
+    _runs,
+    bands_of,
+    correlation_time,
+    widening_of,
+)
+from hybrid_sysid_ros.models import Sampling
+from tests.linear_bench import bench, held_levels, record_of
+
+SAMPLING = Sampling(step=0.01, period=0.05, initial="first")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Integrator(System):
+    """x' = gain u."""
+
+    states = ("level [m]",)
+    inputs = ("flow [m/s]",)
+    gain: float = bounded(2.0, 0.1, 10.0, unit="1")
+
+    def law(self, x, u):
+        return (self.gain * u[0],)
+
+
+def level(noise=0.0):
+    u = held_levels(0, 1001, hold=20)
+    clean = np.concatenate([[0.0], np.cumsum(2.0 * 0.01 * u[:-1, 0])])
+    return record_of(u, (clean + noise * np.random.default_rng(1).normal(size=1001))[:, None], 0.01)
+
+
+def test_what_an_offset_and_a_parameter_leave_open_is_that_of_the_integral():
+    """An offset b of the input: gain b t. A gain that is off by d: d / gain of the level itself."""
+    record, covariance = level(), np.array([[0.01**2]])
+    experiment = prepare(record, Integrator(), SAMPLING)
+    known = Uncertainty(names=("gain",), covariance=covariance, spans=np.array([4.0]))
+    run, (moved,), drawn = _runs(Integrator(), experiment, known, (0.001,))
+    time = 0.05 * np.arange(experiment.samples)
+    np.testing.assert_allclose(np.sqrt(moved[:, 0]), 2.0 * 0.004 * time, atol=1e-9)
+    draw = abs(0.01 * np.random.default_rng(0).normal())
+    np.testing.assert_allclose(np.sqrt(drawn[:, 0]), draw / 2.0 * np.abs(run[:, 0] - run[0, 0]), atol=1e-9)
+
+
+def test_bands_of_white_errors_are_the_quantiles_of_a_normal_distribution():
+    errors = np.abs(0.3 * np.random.default_rng(0).normal(size=40000))
+    _, found = _best(errors, np.zeros(40000))
+    for level_, quantile in (("0.5", norm.ppf(0.75)), ("0.9", norm.ppf(0.95))):
+        assert found["widths"][level_] * found["floor"] == pytest.approx(0.3 * quantile, rel=0.03)
+
+
+def test_bands_follow_what_makes_the_errors():
+    """Errors in proportion to what an offset does get bands in proportion to it."""
+    sizes = np.linspace(0.01, 1.0, 20000)
+    _, found = _best(np.abs(sizes * np.random.default_rng(0).normal(size=20000)), sizes**2)
+    assert found["floor"] < 0.1
+    assert found["gain"] * found["widths"]["0.9"] == pytest.approx(norm.ppf(0.95), rel=0.1)
+
+
+def test_errors_that_remember_are_few():
+    memory = 0.9
+    errors = lfilter([1.0], [1.0, -memory], np.random.default_rng(0).normal(size=100000))
+    assert correlation_time(errors) == pytest.approx((1 + memory) / (1 - memory), rel=0.15)
+
+
+def test_bands_of_few_errors_to_which_numbers_were_fitted_are_wider():
+    errors = np.random.default_rng(0).normal(size=30)
+    count, used = 30 / correlation_time(errors), 4.0
+    factor = np.sqrt(count / (count - used) * (1 + used / count))
+    expected = factor * student.ppf(0.95, count - used) / norm.ppf(0.95)
+    assert widening_of([errors], used) == pytest.approx(expected)
+    assert widening_of([np.random.default_rng(0).normal(size=100000)], used) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_record_that_no_fit_saw_lies_within_its_bands(rig):
+    """Of a linear system with white noise, whose model is true."""
+    clean = bench(samples=8001)
+    noise = 0.03 * clean.output.std() * np.random.default_rng(0).normal(size=clean.output.shape)
+    record = replace(clean, output=clean.output + noise)
+    model = identify([record], rig, "linear", sampling=Sampling(), part=Part(stop=0.6))
+    experiment = experiment_of(model, record, part=Part(start=0.6))
+    half, ninety = bands_of(model, experiment)
+    assert (half.level, ninety.level) == (0.5, 0.9)
+    assert 0.3 < half.held(experiment.outputs, experiment.scored)[0] < 0.75
+    assert 0.8 < ninety.held(experiment.outputs, experiment.scored)[0] <= 1.0
+    assert np.all(ninety.half >= half.half)
+    assert bands_of(replace(model, fit={}), experiment) == []
