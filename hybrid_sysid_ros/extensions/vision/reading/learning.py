@@ -124,7 +124,7 @@ def _lights(film: Film) -> Array:
     few = film[:, ::8, ::8].reshape(len(film), -1).astype(float)
     mean = np.maximum(few.mean(axis=0), 1.0)
     found = np.median(few / mean, axis=1)
-    return np.asarray(np.maximum(found / found.mean(), 0.05))
+    return np.asarray(np.maximum(found / max(float(found.mean()), 1e-9), 0.05))
 
 
 def _span(rig: Rig, joint: str) -> float:

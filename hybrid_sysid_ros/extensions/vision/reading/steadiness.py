@@ -19,6 +19,7 @@ WANDERS = 0.12  # pixels of 640: a pivot that moves less, rms, stands
 LEAVES = 3.0  # pixels of 640: one that moves more, the camera's motion taken out, is no pivot
 ROLLED = 0.6  # of what the pivot still moves by from picture to picture, that what stands is uncertain by in its roll
 LAYERS = 1.2  # times as large are errors as the pictures alone say, as learned layers have their own
+CHI_SQUARE = 0.455  # median, of one degree of freedom
 LEVER = 0.3  # of the width: the distance over which what stands tells how the camera rolls
 
 
@@ -66,8 +67,7 @@ def steady_angles(
         )
     moves = wander > WANDERS * pixel or (motion is not None and not motion.steady)
     chosen = freely if moves else about
-    apart = (freely[known, 0] - about[known, 0]) ** 2 - freely[known, 1] ** 2
-    common = 0.0 if moves or not known.any() else max(float(np.median(apart)) / 0.455, 0.0)  # of a chi-square
+    common = 0.0 if moves or not known.any() else _apart(about[known], freely[known])
     if motion is not None:
         uncertain = max(motion.deviation, ROLLED * unsteady) if moves else min(motion.shake, motion.deviation)
         common += (uncertain / (LEVER * motion.width)) ** 2
@@ -80,6 +80,15 @@ def steady_angles(
         wander=wander,
         free=moves,
     )
+
+
+def _apart(about: Array, free: Array) -> float:
+    """Variance by which angles about the pivot differ from free ones beyond what these state, as far as it is theirs:
+    the less sure ones have the larger part of it.
+    """
+    beyond = (free[:, 0] - about[:, 0]) ** 2 - free[:, 1] ** 2
+    share = float(np.median(about[:, 1] / (about[:, 1] + free[:, 1])))
+    return share * max(float(np.median(beyond)) / CHI_SQUARE, 0.0)
 
 
 def _wander(free: Array, pixel: float) -> tuple[float, float]:

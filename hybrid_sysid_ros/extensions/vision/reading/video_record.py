@@ -38,6 +38,7 @@ from hybrid_sysid_ros.support.files import written_file
 START = 1_000_000_000  # ns: the first stamp of a bag without another one to go by
 MOST_FILLED = 3  # pictures in a row without an angle that are filled in between their neighbours
 CLOCKS = 1e-3  # by which two clocks may differ in pace, at most
+OFF_SCALE = 0.01  # of a speed sensor's scale that is no other one than the picture's
 APART = 5.0  # deviations, by which lamp and motion may tell other shifts
 
 
@@ -92,7 +93,7 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     reference = joint_reference(rig, geometry.joint, bag)
     seen = footage.angles if reference.kind is MotionSource.POSITION else _speeds(footage)
     found = synchronise(footage.seen, seen, reference.times, reference.values)
-    scale = geometry.scale if reference.kind is MotionSource.INPUT else found.scale
+    scale = found.scale if _off_scale(found, reference) else geometry.scale
     by_position = reference.kind is MotionSource.POSITION
     return VideoRecord(
         footage=footage,
@@ -103,6 +104,14 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
         positions=found.position(angles) if by_position else scale * (angles - geometry.zero),
         filled=filled,
     )
+
+
+def _off_scale(found: Synchronisation, reference: JointReference) -> bool:
+    """Whether a sensor of the speed says surely that the film's angles are of another scale: that of a picture is true
+    where it is seen squarely, and that of noisy speeds is not as sure.
+    """
+    sure = OFF_SCALE + 3.0 * float(found.deviations[2])
+    return reference.kind is MotionSource.SPEED and abs(found.scale - 1.0) > sure
 
 
 def _speeds(footage: Footage) -> Array:
@@ -119,7 +128,8 @@ def calibrated(layers: PictureLayers, record: VideoRecord) -> PictureLayers:
     if found is None or reference is None or reference.kind is MotionSource.INPUT:
         return layers
     if reference.kind is MotionSource.SPEED:
-        return replace(layers, geometry=replace(layers.geometry, scale=found.scale))
+        scale = found.scale if _off_scale(found, reference) else layers.geometry.scale
+        return replace(layers, geometry=replace(layers.geometry, scale=scale))
     return replace(layers, geometry=replace(layers.geometry, scale=found.scale, zero=-found.offset / found.scale))
 
 
