@@ -233,3 +233,31 @@ def test_a_fit_whose_every_simulation_runs_away_is_refused(linear_bench, monkeyp
     monkeypatch.setattr(IdentificationProblem, "relative_error", lambda problem, rows: relative)
     with pytest.raises(UserError, match="every simulation diverges"):
         fit(system, [experiment], stages=(None,), iterations=1)
+
+
+def test_a_step_that_is_not_given_becomes_finer_where_it_moves_parameters(linear_bench, rig):
+    """The record of steps of 5 ms: half a step of that is many standard errors of a delay."""
+    u, y, noise = linear_bench
+    record = record_of(u, y + noise, 0.005)
+    kept, refined = (
+        identify([record], rig, "linear", sampling=Sampling(), part=Part(stop=0.5), refine=refine)
+        for refine in (False, True)
+    )
+    assert (kept.sampling.step, refined.sampling.step) == (0.005, 0.001)
+    assert refined.standard_errors["input_delay"] < kept.standard_errors["input_delay"]
+    assert refined.fit["evaluations"] > kept.fit["evaluations"]
+
+
+def test_a_hybrid_has_the_errors_of_its_own_numbers(linear_bench, rig):
+    u, y, noise = linear_bench
+    record = record_of(u, y + noise, 0.005)
+    given = {"sampling": Sampling(), "part": Part(stop=0.4), "options": {"units": 2}}
+    hybrid = identify([record], rig, "hybrid_linear", **given)
+    frozen = identify([record], rig, "hybrid_frozen", **given)
+    gray = identify([record], rig, "linear", sampling=Sampling(), part=Part(stop=0.4))
+    assert {name for name in hybrid.names if not name.startswith("weight_")} == set(gray.names)
+    assert len(hybrid.covariance) == len(hybrid.names) == len(gray.names) + len(hybrid.system.weights)
+    assert any(hybrid.standard_errors[name] != gray.standard_errors[name] for name in gray.names)
+    # Held physics have the errors with which they were fitted.
+    for name, error in gray.standard_errors.items():
+        assert frozen.standard_errors[name] == pytest.approx(error, rel=1e-6), name
