@@ -32,6 +32,14 @@ def test_a_run_ends_in_six_lines():
     assert (lines["failsafe"], lines["bag"]) == ("never", "none")
 
 
+def test_layers_name_the_most_frequent_rejection():
+    """Waiting for good answers is what follows one."""
+    checks = {"check_accepted": 90, "check_not_feasible": 1, "check_costlier_than_the_shifted_plan": 4}
+    found = RunSummary.of(diagnostics(**checks, check_waiting_for_good_answers=5), RIG)
+    assert found.lines["layers"] == "policy 99.5 %, exact 0.5 %; worst check: costlier than the shifted plan, 4 %"
+    assert found.content["rejections"] == {"costlier than the shifted plan": 0.04, "not feasible": 0.01}
+
+
 @pytest.mark.parametrize(("missed", "enough"), [(0, True), (120, True), (121, False), (12068, False)])
 def test_a_machine_that_misses_more_than_one_command_in_a_hundred_is_too_slow(missed, enough):
     summary = RunSummary.of(diagnostics(missed), RIG)

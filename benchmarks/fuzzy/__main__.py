@@ -1,11 +1,11 @@
-"""Run the studies of fuzzy models: python -m benchmarks.fuzzy [identification] [control] [series] [sines]."""
+"""Studies of fuzzy models: python -m benchmarks.fuzzy [identification] [inference] [control] [series] [sines]."""
 
 from __future__ import annotations
 
 from functools import partial
 
 from benchmarks import parts, result
-from benchmarks.fuzzy import control, functions, identification
+from benchmarks.fuzzy import control, functions, identification, inference
 from benchmarks.fuzzy.data import RIG
 
 main = partial(
@@ -13,6 +13,7 @@ main = partial(
     str(RIG),
     {
         "identification": identification.measured,
+        "inference": inference.measured,
         "control": control.measured,
         "series": functions.series,
         "sines": functions.sum_of_sines,

@@ -33,11 +33,15 @@ def training(plant: System, seed: int, *, noise: float = 0.0) -> PreparedRecord:
     return experiment(inputs, outputs + noise * random.normal(size=outputs.shape), f"seed {seed}")
 
 
-def free_run_error(plant: System, model: System) -> float:
-    """Root mean square error of a free run under u = sin(2 pi k / 250) + .8 sin(2 pi k / 25), without noise."""
+def driven() -> Array:
+    """U = sin(2 pi k / 250) + .8 sin(2 pi k / 25), (TESTED, 1)."""
     k = np.arange(TESTED)
-    inputs = (np.sin(2.0 * np.pi * k / 250.0) + 0.8 * np.sin(2.0 * np.pi * k / 25.0))[:, None]
-    runs = [simulate(system, np.zeros(1), inputs, step=STEP) for system in (plant, model)]
+    return np.asarray((np.sin(2.0 * np.pi * k / 250.0) + 0.8 * np.sin(2.0 * np.pi * k / 25.0))[:, None])
+
+
+def free_run_error(plant: System, model: System) -> float:
+    """Root mean square error of a free run under :func:`driven`, without noise."""
+    runs = [simulate(system, np.zeros(1), driven(), step=STEP) for system in (plant, model)]
     return float(np.sqrt(np.mean((runs[0] - runs[1]) ** 2)))
 
 

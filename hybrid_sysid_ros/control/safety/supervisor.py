@@ -34,8 +34,8 @@ REASONS = (
     "improved by one step",
 )
 """Results of a check; waiting: at the beginning, when there is no last plan to compare with, and after a rejection."""
-REJECTIONS = tuple(REASONS[k] for k in (OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER))
-"""Those that say what is wrong with an answer of the network."""
+REJECTIONS = tuple(REASONS[k] for k in (OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER, IMPROVED))
+"""Those that say why an answer of the network was not used."""
 
 INPUT_ROUNDING = 1e-9
 """Largest distance of an input from its bounds [its unit]."""
