@@ -73,16 +73,21 @@ def build_model(context: Any) -> Predictor:
     records = [_prepared(item.u, item.y, sampling, f"sequence {number}") for number, item in enumerate(sequences)]
     settings = _settings(context.hyperparameters)
     seed = int(context.seed or 0) % 2**31
-    system = identify_state_space(
-        records, outputs, inputs, settings, seed=seed, progress=lambda stage, count, error: status.print(f"  {stage}")
-    ).system
+    told: list[str] = []
+
+    def progress(stage: str, count: int, error: float) -> None:
+        if stage not in told:
+            told.append(stage)
+            status.print(f"  {stage}")
+
+    system = identify_state_space(records, outputs, inputs, settings, seed=seed, progress=progress).system
 
     def predict(u: Array, first: Array, attributes: Mapping[str, Any]) -> Array:
         u = np.ascontiguousarray(u, dtype=float)
         known = len(first)
         state = np.zeros(len(system.states))
         if known > 1:
-            state = initial_state(system, _prepared(u[:known], first, sampling, "start"))
+            state = initial_state(system, _prepared(u[:known], first, sampling, "start", len(state)))
         starts = np.array([[0, 0, len(u), 0]])
         return rollouts(system, starts, state[None], u, step=1.0)[1]
 
@@ -94,12 +99,12 @@ def _settings(options: Mapping[str, Any]) -> Any:
     return options_of(complete({name: float(value) for name, value in options.items()}, known, "state_space"))
 
 
-def _prepared(u: Array, y: Array, sampling: Sampling, name: str) -> PreparedRecord:
+def _prepared(u: Array, y: Array, sampling: Sampling, name: str, states: int = 0) -> PreparedRecord:
     outputs = np.ascontiguousarray(y, dtype=float)
     return PreparedRecord(
         name=name,
         sampling=sampling,
         inputs=np.ascontiguousarray(u[:-1], dtype=float),
         outputs=outputs,
-        states=np.zeros((len(outputs), 1)),
+        states=np.zeros((len(outputs), states)),
     )

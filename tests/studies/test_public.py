@@ -117,11 +117,11 @@ def test_a_specification_of_identibench_gets_a_predictor():
     )
     sequence = SimpleNamespace(u=train[0][:, None], y=train[1][:, None], attrs={})
     context = SimpleNamespace(
-        spec=specification, hyperparameters={"highest": 3}, seed=1, get_train_sequences=lambda: [sequence]
+        spec=specification, hyperparameters={"order": 2}, seed=1, get_train_sequences=lambda: [sequence]
     )
     predicted = identibench.build_model(context)(test[0][:, None], test[1][:20, None], {})
     assert predicted.shape == (300, 1)
-    np.testing.assert_allclose(predicted[20:, 0], test[1][20:], atol=1e-4)
+    np.testing.assert_allclose(predicted[20:, 0], test[1][20:], atol=1e-3)
 
 
 def test_every_benchmark_with_a_published_table_is_made_again():
