@@ -136,19 +136,19 @@ def _selected(stretches: Sequence[Stretch], settings: StateSpaceSettings, known:
 def _check_length(stretches: Sequence[Stretch], order: int) -> None:
     """Raise UserError where the samples are fewer than a subspace of that order needs."""
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
-    rows = rows_for(order, p)
+    rows = rows_for(order)
     columns = sum(max(len(inputs) - 2 * rows + 1, 0) for inputs, _ in stretches)
-    if columns < 4 * rows * (m + p):
+    if columns < 3 * rows * (m + p):
         raise UserError(
             f"state space: {sum(len(inputs) for inputs, _ in stretches)} samples are too few for order {order}, which "
-            f"needs {2 * rows + 4 * rows * (m + p)} in a row; give longer records or a lower order"
+            f"needs {2 * rows + 3 * rows * (m + p)} in a row; give longer records or a lower order"
         )
 
 
 def _start(stretches: Sequence[Stretch], selection: Selection) -> Matrices:
     """The best of the subspace starts in time and, for periodic records, in frequency."""
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
-    rows = rows_for(selection.order, p)
+    rows = rows_for(selection.order)
     factors = [in_time(stretches, rows)]
     spectra = [found for found in map(spectrum_of, stretches) if found is not None]
     if spectra and 2 * sum(len(item.z) for item in spectra) > 2 * rows * (m + p):

@@ -51,9 +51,11 @@ class Selection:
     trials: Sequence[TriedOrder]
 
 
-def rows_for(highest: int, outputs: int) -> int:
-    """Samples of future and past in a subspace factorisation up to an order."""
-    return -(-3 * highest // (2 * outputs)) + 5
+def rows_for(highest: int) -> int:
+    """Samples of future and past in a subspace factorisation up to an order: in fewer, slow modes look like each other,
+    however many outputs there are.
+    """
+    return max(2 * highest, 8)
 
 
 def blocks_of(stretches: Sequence[Stretch], shortest: int) -> list[Stretch]:
@@ -80,10 +82,10 @@ def comparable(stretches: Sequence[Stretch], highest: int) -> list[int]:
 
 
 def _allowed(stretches: Sequence[Stretch], order: int, m: int, p: int) -> bool:
-    rows = rows_for(order, p)
+    rows = rows_for(order)
     lengths = [len(inputs) for inputs, _ in blocks_of(stretches, 4 * rows)]
     columns = [max(length - 2 * rows + 1, 0) for length in lengths]
-    return min(lengths) > 2 * order and sum(columns) - max(columns) > 4 * rows * (m + p)
+    return min(lengths) > 2 * order and sum(columns) - max(columns) > 3 * rows * (m + p)
 
 
 def select_order(
@@ -100,7 +102,7 @@ def select_order(
     whether the input acts at once; None: the blocks decide. Raises UserError where no simulation stays finite.
     """
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
-    rows = rows_for(max(orders), p)
+    rows = rows_for(max(orders))
     blocks = blocks_of(stretches, 4 * rows)
     if len(blocks) < 2:
         raise UserError(

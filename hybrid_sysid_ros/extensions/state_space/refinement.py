@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import schur
+from scipy.linalg import cdf2rdf, schur
 
 from hybrid_sysid_ros.extensions.state_space.subspace import Matrices, Stretch
 from hybrid_sysid_ros.extensions.state_space.tangents import Sizes, raise_to_largest, simulate_states, tangents
@@ -17,6 +17,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 CHUNK = 2048
 """Samples whose derivatives are held at once."""
+SEPARATE = 1e6
+"""Condition of the eigenvectors below which each block of poles gets states of its own."""
 ENDLESS = 1e6
 """Argument of a power that means that a simulation diverges."""
 FLAT = 1e-9
@@ -37,15 +39,21 @@ class Refined:
 
 
 def weights_of(model: Matrices, sizes: Sizes) -> Array:
-    """Weights (size,) of a linear model in coordinates in which A is quasi-triangular, with a hidden layer of zeros.
-
-    Schur's form is reached by a rotation, so it exists and is well-conditioned for every A, also for integrators.
+    """Weights (size,) of a linear model in coordinates in which A has nothing but blocks of two along the diagonal,
+    with a hidden layer of zeros. Where poles lie so close together that no such coordinates are usable, as with two
+    integrators, A has further numbers above the blocks (Schur's form, which is reached by a rotation).
     """
-    a, turn = schur(model.a, output="real")
     n, m = sizes.states, sizes.inputs
+    poles, vectors = np.linalg.eig(model.a)
+    if np.linalg.cond(vectors) < SEPARATE:
+        a, turn = cdf2rdf(poles + 0j, vectors + 0j)
+        back = np.linalg.inv(turn)
+    else:
+        a, turn = schur(model.a, output="real")
+        back = turn.T
     weights = np.zeros(sizes.count)
     state = weights[: sizes.units_at].reshape(n, sizes.wide)
-    state[:, :n], state[:, n : n + m] = a, turn.T @ model.b
+    state[:, :n], state[:, n : n + m] = a, back @ model.b
     output = weights[sizes.readout_at :].reshape(sizes.outputs, sizes.wide)
     output[:, :n], output[:, n : n + m], output[:, -1] = model.c @ turn, model.d, model.level
     return weights

@@ -66,7 +66,8 @@ class StateSpaceStructure(Structure):
     def lines(self, system: System) -> Sequence[str]:
         assert isinstance(system, StateSpace)
         through = "at once" if np.any(system.matrices()[3]) else "one sample later"
-        beside = f"{system.units} units of {f'power {system.power}' if system.power else 'tanh'}"
+        kind = f"power {system.power}" if system.power else "tanh"
+        beside = f"{system.units} {'unit' if system.units == 1 else 'units'} of {kind}"
         first = f"order {system.order}, {beside if system.units else 'linear'}; inputs act on outputs {through}"
         return [first, *_modes(system)]
 
