@@ -12,7 +12,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.trust import bands, importing, intervals, records
+from benchmarks.trust import bands, importing, intervals, records, state_spaces
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 
 NAME = "trust"
@@ -21,6 +21,7 @@ PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "check": records.measured,
     "intervals": intervals.measured,
     "bands": bands.measured,
+    "state_space": state_spaces.measured,
 }
 
 
@@ -47,6 +48,10 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("width of the narrowest", part["width"], f"<= {bands.WIDEST:g}", part["width"] <= bands.WIDEST))
         limit = bands.SLOWEST
         made.append(("time of bands [free runs]", part["free_runs"], f"<= {limit:g}", part["free_runs"] <= limit))
+    if part := found.get("state_space"):
+        made.append(("state space of order 30, 1e5 samples [s]", part["seconds"], "< 300", part["seconds"] < 300.0))
+        least = 1.5 * part["noise"]
+        made.append(("its error in the outputs' deviation", part["error"], f"<= {least:g}", part["error"] <= least))
     return made
 
 
