@@ -196,7 +196,7 @@ def _normal(
     free: NDArray[np.int64],
     roles: NDArray[np.int64],
 ) -> tuple[float, Normal]:
-    """Sum of squared errors, infinite where a simulation diverges, and the normal equations."""
+    """Sum of squared errors, infinite where a simulation or its derivatives diverge, and the normal equations."""
     n, p, count = sizes.states, sizes.outputs, len(free)
     squares, right = np.zeros((count, count)), np.zeros(count)
     mixed = np.zeros((len(stretches), count, n))
@@ -213,9 +213,9 @@ def _normal(
             flat = errors.ravel()
             with np.errstate(over="ignore", invalid="ignore"):
                 cost += float(flat @ flat)
-            if not np.isfinite(cost):
+                product, along = jacobian.T @ jacobian, jacobian.T @ flat
+            if not (np.isfinite(cost) and np.isfinite(product).all()):
                 return np.inf, (squares, right, mixed, own, by_own)
-            product, along = jacobian.T @ jacobian, jacobian.T @ flat
             squares += product[:count, :count]
             mixed[r] += product[:count, count:]
             own[r] += product[count:, count:]
