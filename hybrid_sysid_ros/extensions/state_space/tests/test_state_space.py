@@ -1,11 +1,13 @@
 """State spaces: every form agrees, derivatives are exact, and known systems come back."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import dlsim
 
+import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.core import Variable, one_step
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.core.symbolic import symbolic_step
@@ -178,3 +180,15 @@ def test_what_can_not_be_fitted_is_refused():
     for wrong, reason in (({}, "power is that of units"), ({"units": 1, "power": 1}, "is linear")):
         with pytest.raises(UserError, match=reason):
             options_of({**options, **wrong})
+
+
+@pytest.mark.slow
+def test_its_model_is_kept_estimated_and_controlled_as_any_other(tmp_path):
+    """By the exact MPC, from an estimator that has to find states that nobody measures."""
+    rig = hs.load_rig("wheel_motor")
+    record = hs.read_bag(Path(__file__).parents[4] / "bags" / "wheel_motor_multisine", rig)
+    hs.identify(record, rig, "state_space", options={"order": 2, "feedthrough": 0}).save(tmp_path / "model")
+    model = hs.load_model(tmp_path / "model")
+    loop = hs.simulate(rig, model, controller="exact", reference=[150.0], seconds=1)
+    late = loop.outputs[-20:, 0] - loop.reference[-20:, 0]
+    assert np.abs(late).max() < 0.1 * loop.reference[-1, 0]
