@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ LOOKS, APART = 16, 10
 """Pictures, and how far apart, by which a moved camera is known; who comes by is in less than half of them."""
 FROZEN, JUMP = 3, 1.0
 """Pictures in a row that are the same to the last bit, and pixels of the sprite's end: a camera that hangs."""
+PLAIN = 12  # counts, by which the pixels of a picture differ at least that shows something: a film's black is not 0
 GAP = 1.5  # times as far apart as most are pictures between which one is missing
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
@@ -124,8 +125,10 @@ def followed(
     same, shown, sceneries = list[bool](), list[tuple[float, Picture, Reading]](), list[Array]()
     before, every = None, 1
     for time, picture in view.pictures():
-        reading = reader.read(picture)
-        same.append(reader.lit and before is not None and np.array_equal(picture, before))
+        reading, plain = reader.read(picture), int(np.ptp(picture[::8, ::8])) < PLAIN
+        if plain:
+            reading = replace(reading, angle=np.nan, deviation=np.inf)
+        same.append(reader.lit and not plain and before is not None and np.array_equal(picture, before))
         before = picture
         times.append(time)
         rows.append(reading)
