@@ -19,6 +19,8 @@ from hybrid_sysid_ros.support.parallel import Lost, Store
 from studies.beam_lecture.candidate import Candidate, Task, work
 
 Report = Callable[[Candidate], object]
+NEGLIGIBLE = 1e-5
+"""R2 by which structures never differ, however well they are known: without noise a fit ends that far from the best."""
 RULE = "the fewest parameters within one standard error of the best cross-validated R2"
 
 
@@ -121,5 +123,6 @@ def choose(candidates: Sequence[Candidate]) -> str:
         return ""
     values = {item.structure: item.validation for item in valid if item.validation is not None}
     best = max(values.values(), key=lambda item: item.value)
-    within = [item for item in valid if values[item.structure].value >= best.value - best.standard_error]
+    least = best.value - max(best.standard_error, NEGLIGIBLE)
+    within = [item for item in valid if values[item.structure].value >= least]
     return min(within, key=lambda item: (item.parameters, -values[item.structure].value)).structure
