@@ -18,6 +18,7 @@ from hybrid_sysid_ros.extensions.policies.configured import trial_of as configur
 from hybrid_sysid_ros.extensions.policies.counting import certify
 from hybrid_sysid_ros.extensions.policies.criteria import (
     COST,
+    DRIVERS,
     ERROR,
     EXACT,
     EXCESS,
@@ -30,7 +31,7 @@ from hybrid_sysid_ros.extensions.policies.criteria import (
     Criteria,
 )
 from hybrid_sysid_ros.extensions.policies.mixture import APART, DISTURBED, STRATA, Mixture, stratum_of
-from hybrid_sysid_ros.extensions.policies.trial import KKT_TOLERANCE, Trial
+from hybrid_sysid_ros.extensions.policies.trial import KKT_TOLERANCE, Drivers, Trial
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
@@ -242,6 +243,16 @@ def test_a_loop_is_that_of_ordinary_objects(broken, rig, driver):
         reasons = driven.reasons if driver == SUPERVISED else np.zeros(0, dtype=int)
         found = np.bincount(reasons, minlength=len(REASONS))
         assert {REASONS[k]: n for k, n in enumerate(found) if n} == counted
+
+
+@pytest.mark.parametrize("rig", ["beam", "wheel_motor"])
+def test_a_loop_is_the_same_after_others_whose_solutions_it_shares(broken, rig):
+    trial = trial_of(broken) if rig == "beam" else trial_of_shipped(rig)
+    drivers, scenario = Drivers(trial), trial.scenario(3)
+    for driver in DRIVERS:
+        shared, alone = drivers.run(scenario, driver), trial.run(scenario, driver)
+        np.testing.assert_allclose(shared.loop.inputs, alone.loop.inputs, atol=1e-4)
+        np.testing.assert_array_equal(shared.reasons, alone.reasons)
 
 
 def test_a_network_that_gives_no_numbers_keeps_its_bounds_and_no_loop(law):
