@@ -251,9 +251,10 @@ def test_a_step_that_is_not_given_becomes_finer_where_it_moves_parameters(linear
 def test_a_hybrid_has_the_errors_of_its_own_numbers(linear_bench, rig):
     u, y, noise = linear_bench
     record = record_of(u, y + noise, 0.005)
-    given = {"sampling": Sampling(), "part": Part(stop=0.4), "options": {"units": 2}}
-    hybrid = identify([record], rig, "hybrid_linear", **given)
-    frozen = identify([record], rig, "hybrid_frozen", **given)
+    hybrid, frozen = (
+        identify([record], rig, structure, sampling=Sampling(), part=Part(stop=0.4), options={"units": 2})
+        for structure in ("hybrid_linear", "hybrid_frozen")
+    )
     gray = identify([record], rig, "linear", sampling=Sampling(), part=Part(stop=0.4))
     assert {name for name in hybrid.names if not name.startswith("weight_")} == set(gray.names)
     assert len(hybrid.covariance) == len(hybrid.names) == len(gray.names) + len(hybrid.system.weights)
