@@ -298,10 +298,12 @@ def test_each_residual_test_is_judged_in_a_sentence(section):
     """The second run is left with an effect of the input three samples before."""
     run, noise = section.runs[0], np.random.default_rng(0).standard_normal(400)
     clean = dataclasses.replace(run, tests={"phi_ee": whiteness(noise)})
-    left = dataclasses.replace(run, tests={"phi_ue": independence(0.4 * np.roll(noise, 3) + noise[::-1], noise)})
+    tests = {"phi_ue": independence(0.4 * np.roll(noise, 3) + noise[::-1], noise)}
+    left = dataclasses.replace(run, name="swept-sine-2", tests=tests)
     white, missing = patterns(dataclasses.replace(section, runs=[clean, left]))
     assert (white.passed, missing.passed) == (True, False)
     assert "an effect of the input is missing" in missing.words
+    assert "Most in swept-sine-2: " in missing.words
     assert f"after {3 * section.model.sampling.period:.2g} s" in missing.words
 
 

@@ -44,8 +44,9 @@ def patterns(section: IdentificationSection) -> Iterator[Pattern]:
         past = test.lags >= 0
         k = int(np.argmax(np.abs(test.values[past])))
         lag, value = section.model.sampling.period * float(test.lags[past][k]), float(test.values[past][k])
+        shown = f"{value:.2f}".replace("-", "\N{MINUS SIGN}")
         words = (
             f"In {len(failed)} of {len(tests)} runs {FAILED.get(key, FAILED['phi_ue'])}. "
-            f"Most in {name}: a correlation of {value:.2f} after {lag:.2g} s."
+            f"Most in {name}: a correlation of {shown} after {lag:.2g} s."
         )
-        yield Pattern(title, words.replace("-", "\N{MINUS SIGN}"), passed=False)
+        yield Pattern(title, words, passed=False)
