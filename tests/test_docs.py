@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 import yaml
 
+import benchmarks.__main__ as benchmarks
 from hybrid_sysid_ros.commands.app import LateCommand
 from hybrid_sysid_ros.support import extensions
 
@@ -67,6 +68,15 @@ def _groups(entries: list[Any]) -> Iterator[list[Any]]:
     for entry in entries:
         if isinstance(entry, dict) and isinstance(found := next(iter(entry.values())), list):
             yield from _groups(found)
+
+
+def test_a_benchmark_that_a_page_names_is_there() -> None:
+    """``python -m benchmarks NAME...`` runs whole ones; ``python -m benchmarks.NAME`` takes the names of its parts."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for module, names in re.findall(r"python -m benchmarks(\.[a-z_.]+)?((?: [a-z_-]+)*)", text):
+            called = [module[1:]] if module else [name for name in names.split() if name != "all-tables"]
+            assert {*called} <= {*benchmarks.KNOWN}, f"{page.name}: {called}"
 
 
 def test_no_group_of_the_site_has_more_than_seven_entries() -> None:
