@@ -5,6 +5,7 @@ Asked rows that fall short are counted in the key ``short``, and named.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,6 +15,7 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.trust import bands, importing, intervals, records, state_spaces
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from studies.beam_lecture.lecture import DATA
 
 NAME = "trust"
 PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {
@@ -48,6 +50,8 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("width of the narrowest", part["width"], f"<= {bands.WIDEST:g}", part["width"] <= bands.WIDEST))
         limit = bands.SLOWEST
         made.append(("time of bands [free runs]", part["free_runs"], f"<= {limit:g}", part["free_runs"] <= limit))
+    elif "bands" in found:
+        made.append(("samples in 90 % bands", math.nan, f"needs {DATA}", False))
     if part := found.get("state_space"):
         made.append(("state space of order 30, 1e5 samples [s]", part["seconds"], "< 300", part["seconds"] < 300.0))
         least = 1.5 * part["noise"]
@@ -75,7 +79,8 @@ def main() -> int:
     for name, case in found.get("intervals", {}).items():
         console.print(f"{name}: " + ", ".join(f"{key} {share:.2f}" for key, share in case["held"].items()))
     for name, rows_of in found.get("bands", {}).get("records", {}).items():
-        console.print(f"{name}: " + ", ".join(f"{key} {row['held_90']:.2f}" for key, row in rows_of.items()))
+        shown = (f"{key} {row['held_90']:.2f} ({1e3 * row['mean_error']:.1f} mm)" for key, row in rows_of.items())
+        console.print(f"held of {name}, and mean error: {', '.join(shown)}")
     for name, words in found.get("check", {}).get("accused", {}).items():
         console.print(f"accused: {name}: {words}")
     if chosen == list(PARTS):
