@@ -46,7 +46,10 @@ class StateSpaceStructure(Structure):
         return self.OPTIONS
 
     def sampling(self, asked: Sampling) -> Sampling:
-        return replace(asked, step=asked.period)
+        """A step for each sample. Inputs that lines would join are read at the outputs' own moments, since their mean
+        over a step of that length says less.
+        """
+        return replace(asked, step=asked.period, input="sampled" if asked.input == "interpolated" else asked.input)
 
     def fit(self, context: FitContext) -> Fit:
         from hybrid_sysid_ros.extensions.state_space.identification import identify_state_space, options_of

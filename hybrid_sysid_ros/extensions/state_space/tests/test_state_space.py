@@ -27,6 +27,7 @@ from hybrid_sysid_ros.extensions.state_space.tests.systems import state_space
 from hybrid_sysid_ros.identification import free_run, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import PreparedRecord
+from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.support.errors import UserError
 
 A = np.array([[0.9, 0.3, 0.0], [-0.3, 0.9, 0.2], [0.0, 0.0, 0.5]])
@@ -151,6 +152,14 @@ def test_a_fit_needs_only_inputs_and_outputs_and_predicts_unseen_records():
     assert score(truth[:, 0], free_run(system, prepared(unseen, truth))[:, 0]).r2 > 0.999
     poles: Any = np.sort_complex(np.linalg.eigvals(system.matrices()[0]))
     np.testing.assert_allclose(poles, POLES, atol=0.01)
+
+
+def test_a_band_limited_input_is_read_when_the_outputs_are():
+    """The mean of two samples of it would hide what acts at once."""
+    structure = structure_of("state_space", hs.load_rig("wheel_motor").system)
+    holds = structure.sampling(Sampling(step=0.005, period=0.02, input="interpolated"))
+    assert (holds.step, holds.input) == (0.02, "sampled")
+    assert structure.sampling(Sampling()).input == "averaged"
 
 
 def test_units_in_the_feedback_learn_a_spring_that_hardens():
