@@ -10,6 +10,7 @@ from typing import Any
 from hybrid_sysid_ros.core.blocks import Block, Kernels, weighed
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar, clip, tanh
+from hybrid_sysid_ros.core.networks.softsign import activation
 
 REACH = 3.0
 """The argument of a power is limited to so many times its largest magnitude in training data, which is 1."""
@@ -56,7 +57,7 @@ class AffineMap(Block):
                 place += wide
             unit = at + outputs * wide
             for _ in range(units):
-                s = weighed_sum(w, unit, z, features)
+                s = activation(w, unit, z, features)
                 total = 0.0
                 for k in range(outputs):
                     total += factors[k] * w[unit + wide + k]
@@ -109,23 +110,14 @@ def slope(s: float, power: int) -> float:
 
 
 @inner
-def weighed_sum(w: Any, at: int, z: Any, features: int) -> float:
-    """Return P z + q of the row that begins at index ``at``."""
-    s = w[at + features]
-    for j in range(features):
-        s += w[at + j] * z[j]
-    return s
-
-
-@inner
 def mapped(w: Any, at: int, z: Any, features: int, outputs: int, units: int, power: int, y: Any) -> None:
     """Write the outputs to y (outputs,)."""
     wide = features + 1
     for k in range(outputs):
-        y[k] = weighed_sum(w, at + k * wide, z, features)
+        y[k] = activation(w, at + k * wide, z, features)
     unit = at + outputs * wide
     for _ in range(units):
-        found = curve(weighed_sum(w, unit, z, features), power)
+        found = curve(activation(w, unit, z, features), power)
         for k in range(outputs):
             y[k] += w[unit + wide + k] * found
         unit += wide + outputs
@@ -140,7 +132,7 @@ def differentiated(w: Any, at: int, z: Any, features: int, outputs: int, units: 
             by_z[k * features + j] = w[at + k * wide + j]
     unit = at + outputs * wide
     for _ in range(units):
-        rate = slope(weighed_sum(w, unit, z, features), power)
+        rate = slope(activation(w, unit, z, features), power)
         for k in range(outputs):
             factor = w[unit + wide + k] * rate
             for j in range(features):

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import kernel
-from hybrid_sysid_ros.extensions.state_space.affine_map import curve, differentiated, mapped, slope, weighed_sum
+from hybrid_sysid_ros.core.networks.softsign import activation
+from hybrid_sysid_ros.extensions.state_space.affine_map import curve, differentiated, mapped, slope
 from hybrid_sysid_ros.support.arrays import Array
 
 
@@ -67,7 +68,7 @@ def raise_to_largest(w: Array, sizes: tuple[int, int, int, int, int], inputs: Ar
         z[:n], z[n:] = x, inputs[k]
         for i in range(units):
             at = n * (n + m + 1) + i * (n + m + 1 + n)
-            largest[i] = max(largest[i], abs(weighed_sum(w, at, z, n + m)))
+            largest[i] = max(largest[i], abs(activation(w, at, z, n + m)))
         mapped(w, 0, z, n + m, n, units, power, following)
         x[:] = following
 
@@ -117,7 +118,7 @@ def tangents(
                     for c in range(columns):
                         moved[i, c] += factor * tangent[a, c]
         for i in range(units):
-            s = weighed_sum(w, n * wide + i * (wide + n), z, n + m)
+            s = activation(w, n * wide + i * (wide + n), z, n + m)
             found[i], rate[i] = curve(s, power), slope(s, power)
         for c in range(free):
             kind, row_at, column = roles[c, 0], roles[c, 1], roles[c, 2]
