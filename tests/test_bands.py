@@ -73,12 +73,12 @@ def test_bands_follow_what_makes_the_errors():
 def test_errors_that_remember_are_few():
     memory = 0.9
     errors = lfilter([1.0], [1.0, -memory], np.random.default_rng(0).normal(size=100000))
-    assert correlation_time(errors) == pytest.approx((1 + memory) / (1 - memory), rel=0.15)
+    assert correlation_time([errors]) == pytest.approx((1 + memory) / (1 - memory), rel=0.15)
 
 
 def test_bands_of_few_errors_to_which_numbers_were_fitted_are_wider():
     errors = np.random.default_rng(0).normal(size=30)
-    count, used = 30 / correlation_time(errors), 4.0
+    count, used = 30 / correlation_time([errors]), 4.0
     factor = np.sqrt(count / (count - used) * (1 + used / count))
     expected = factor * student.ppf(0.95, count - used) / norm.ppf(0.95)
     assert widening_of([errors], used) == pytest.approx(expected)

@@ -13,7 +13,9 @@ from scipy.stats import t as student
 from hybrid_sysid_ros.support.arrays import Array
 
 LONGEST_LAG = 200
-"""Largest lag in samples at which errors of a free run count as correlated; 10 s at the usual 50 ms."""
+"""Largest lag at which errors of a free run count as correlated, in rows, which are the samples of all outputs: 10 s at
+the usual 50 ms for one output.
+"""
 LEVEL = 0.9
 """Of the intervals for which the standard errors of short records are widened."""
 KNOWN = 1e-9
@@ -55,7 +57,7 @@ def covariances(
     inverse, unknown = _inverse(information)
     rows = jacobian[edges[-1] :]
     middle = rows.T @ (rows if priors is None else priors @ rows)
-    lags = int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
+    lags = _lags(edges)
     middle = middle + widening(edges, lags) * long_run(jacobian, residuals, edges, lags)
     robust = inverse @ middle @ inverse
     for shift in () if shifts is None else shifts:
@@ -101,7 +103,7 @@ def confidence(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> f
     vary on average as much as the curvature of the cost says.
     """
     data = jacobian[: edges[-1]]
-    lags = int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
+    lags = _lags(edges)
     inverse, _ = _inverse(jacobian.T @ jacobian)
     expected = float(np.trace(inverse @ (data.T @ data)))
     met = float(np.trace(inverse @ long_run(jacobian, residuals, edges, lags)))
@@ -130,6 +132,11 @@ def secant_jacobian(
     return jacobian
 
 
+def _lags(edges: NDArray[np.int64]) -> int:
+    """L: a quarter of the shortest record, at most LONGEST_LAG."""
+    return int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
+
+
 def _inverse(information: Array) -> tuple[Array, NDArray[np.bool_]]:
     """The inverse of an information matrix (n, n), and which parameters nothing determines, (n,)."""
     scales = np.sqrt(np.diag(information))
@@ -145,6 +152,10 @@ def _inverse(information: Array) -> tuple[Array, NDArray[np.bool_]]:
 def widening(edges: NDArray[np.int64], lags: int) -> float:
     """The factor f of a covariance for records of the given rows; 1 for long ones."""
     rows = int(edges[-1])
-    freedom = max(1.5 * rows / (lags + 1), 2.0)
-    interval = float(student.ppf(0.5 + 0.5 * LEVEL, freedom) / norm.ppf(0.5 + 0.5 * LEVEL)) ** 2
-    return interval / (1.0 - min((lags + 1) / rows, 0.5))
+    return student_factor(1.5 * rows / (lags + 1)) ** 2 / (1.0 - min((lags + 1) / rows, 0.5))
+
+
+def student_factor(freedom: float) -> float:
+    """By how much a Student's interval of LEVEL is longer than a normal one, for at least two degrees of freedom."""
+    level = 0.5 + 0.5 * LEVEL
+    return float(student.ppf(level, max(freedom, 2.0)) / norm.ppf(level))

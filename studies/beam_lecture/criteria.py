@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import correlate
 
+from hybrid_sysid_ros.identification.validation.bands import correlation_time
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-WINDOW = 5.0
-"""Lags that count, in autocorrelation times: enough for an exponential, few enough to keep their noise out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,15 +102,10 @@ def judge(models: Mapping[str, tuple[Sequence[Array], int]]) -> dict[str, Judgem
 
 
 def autocorrelation_time(residuals: Sequence[Array]) -> float:
-    """Integrated autocorrelation time tau [samples], at least 1, of the residuals of some records, each (samples,).
+    """Autocorrelation time tau [samples], at least 1, of the residuals of some records, each (samples,).
 
-        tau = 1 + 2 sum_{k=1}^{M} r(k),   M the smallest with M >= WINDOW tau(M)
-
-    with r the autocorrelation over all records together, each without its mean. N samples give a mean the variance that
-    N / tau independent ones would: Bayley and Hammersley (1946), The "effective" number of independent observations in
-    an autocorrelated time series, J. R. Stat. Soc. Suppl. 8(2); the window M is that of Sokal (1997), Monte Carlo
-    methods in statistical mechanics, section 3. An AR(1) with pole a has tau = (1 + a) / (1 - a). For parameters the
-    number N / tau is careful: their estimates average the residual times its gradient, which is correlated less.
+    For parameters the number N / tau is careful: their estimates average the residual times its gradient, which is
+    correlated less.
 
     Raises:
         UserError: no residuals, or such as are constant or not finite.
@@ -123,11 +115,4 @@ def autocorrelation_time(residuals: Sequence[Array]) -> float:
         raise UserError("autocorrelation time: there are no residuals, or they are not finite: the simulation diverges")
     if all(np.ptp(part) <= 1e-12 * np.max(np.abs(part)) for part in parts):
         raise UserError("autocorrelation time: the residuals are constant")
-    longest = max(len(part) for part in parts)
-    sums = np.zeros(longest)
-    for part in parts:
-        centred = part - part.mean()
-        sums[: len(part)] += correlate(centred, centred, mode="full", method="fft")[len(part) - 1 :]
-    times = 2.0 * np.cumsum(sums / sums[0]) - 1.0
-    enough = np.arange(longest) >= WINDOW * times
-    return max(1.0, float(times[np.argmax(enough)] if enough.any() else times[-1]))
+    return correlation_time(parts)

@@ -6,7 +6,7 @@ those with which the training records' own errors get the best interval score (G
 Assoc. 102). A band of level p is as many deviations wide as hold a share p of these errors, widened as the prediction
 of a regression is: errors of n independent stretches to which p numbers were fitted are smaller than those to come,
 
-    sqrt(n / (n - p) (1 + p / n)) t(n - p) / z.
+    sqrt(n / (n - p) (1 + p / n)) t(n - p) / z,   t / z at 90 % for both levels.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
+from hybrid_sysid_ros.identification.standard_errors import student_factor
 from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array
@@ -33,7 +32,12 @@ OFFSETS = (0.0005, 0.001, 0.002, 0.004)
 """Offsets of the inputs that are tried, in the span of their values in training."""
 FLOORS, GAINS = (0.1, 0.25, 0.5, 1.0), (0.0, 0.5, 1.0, 2.0)
 """Floors, in the root mean square of the training errors, and gains that are tried."""
-DRAWS, MOST_USED, WINDOW = 2, 0.5, 5.0
+DRAWS = 2
+"""Systems with other numbers, which mirror each other."""
+MOST_USED = 0.5
+"""Most of the independent errors that fitted numbers count for, since with all of them nothing is left to widen by."""
+WINDOW = 5.0
+"""Lags that count, in correlation times: enough for an exponential, few enough to keep their noise out."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,18 +78,17 @@ class Band:
 def band_calibration(system: System, experiments: Sequence[PreparedRecord], known: Uncertainty) -> dict[str, Any]:
     """Offset, and by output floor, gain and widths by level, as plain data; empty where a run diverges."""
     runs = [_runs(system, item, known, OFFSETS) for item in experiments]
-    if not all(np.isfinite(run[0]).all() for run in runs):
+    if not all(np.isfinite(nominal).all() for nominal, _, _ in runs):
         return {}
     scored = [item.scored for item in experiments]
-    best: dict[str, Any] = {}
-    least, signed = np.inf, []
-    for item, run, use in zip(experiments, runs, scored, strict=True):
-        signed.append((item.outputs - run[0])[use])
+    signed = [(item.outputs - run[0])[use] for item, run, use in zip(experiments, runs, scored, strict=True)]
+    moved = [
+        np.concatenate([run[1][k][use] for run, use in zip(runs, scored, strict=True)]) for k in range(len(OFFSETS))
+    ]
+    drawn = np.concatenate([run[2][use] for run, use in zip(runs, scored, strict=True)])
     errors = np.abs(np.concatenate(signed))
     wider = [widening_of([part[:, k] for part in signed], known.effective) for k in range(len(system.outputs))]
-    pairs = list(zip(runs, scored, strict=True))
-    moved = [np.concatenate([run[1][k][use] for run, use in pairs]) for k in range(len(OFFSETS))]
-    drawn = np.concatenate([run[2][use] for run, use in zip(runs, scored, strict=True)])
+    best, least = dict[str, Any](), np.inf
     for k, share in enumerate(OFFSETS):
         chosen, total = {}, 0.0
         for column, item in enumerate(system.outputs):
@@ -119,19 +122,28 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
 
 def widening_of(errors: Sequence[Array], effective: float) -> float:
     """The factor of a band for errors to come, from those of an output in each training record, (samples,)."""
-    count = sum(len(part) / correlation_time(part) for part in errors)
+    count = sum(len(part) / correlation_time([part]) for part in errors)
     used = min(effective, MOST_USED * count)
-    interval = float(student.ppf(0.95, max(count - used, 2.0)) / norm.ppf(0.95))
-    return float(np.sqrt(count / max(count - used, 1.0) * (1.0 + used / count))) * interval
+    return float(np.sqrt(count / max(count - used, 1.0) * (1.0 + used / count)) * student_factor(count - used))
 
 
-def correlation_time(errors: Array) -> float:
-    """Samples of one independent error: 1 + 2 sum of autocorrelations, over five such times (Sokal 1997)."""
-    centred = errors - errors.mean()
-    own = correlate(centred, centred, method="fft")[len(errors) - 1 :] / max(float(centred @ centred), 1e-300)
-    times = 1.0 + 2.0 * np.cumsum(own[1:])
-    enough = np.flatnonzero(np.arange(1, len(times) + 1) > WINDOW * times)
-    return float(np.clip(times[enough[0]] if len(enough) else times[-1], 1.0, len(errors)))
+def correlation_time(parts: Sequence[Array]) -> float:
+    """Samples of one independent error, at least 1, of the errors in some records, each (samples,).
+
+        tau = 1 + 2 sum_{k=1}^{M} r(k),   M the smallest with M >= WINDOW tau(M)
+
+    with r the autocorrelation over all records together, each without its mean. N samples give a mean the variance that
+    N / tau independent ones would: Bayley & Hammersley (1946), J. R. Stat. Soc. Suppl. 8(2); M: Sokal (1997), Monte
+    Carlo methods in statistical mechanics, section 3. An AR(1) with pole a has tau = (1 + a) / (1 - a).
+    """
+    longest = max(len(part) for part in parts)
+    sums = np.zeros(longest)
+    for part in parts:
+        centred = part - part.mean()
+        sums[: len(part)] += correlate(centred, centred, method="fft")[len(part) - 1 :]
+    times = 2.0 * np.cumsum(sums / max(float(sums[0]), 1e-300)) - 1.0
+    enough = np.flatnonzero(np.arange(longest) >= WINDOW * times)
+    return float(np.clip(times[enough[0]] if len(enough) else times[-1], 1.0, longest))
 
 
 def _best(errors: Array, squares: Array) -> tuple[float, dict[str, Any]]:
