@@ -11,7 +11,6 @@ HELPERS = {
     *(
         "__main__",
         "acados_peer",
-        "all_tables",
         "browser",
         "network_plant",
         "parts",

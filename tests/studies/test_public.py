@@ -135,7 +135,8 @@ def test_every_benchmark_with_a_published_table_is_made_again():
 def test_made_tables_are_kept_until_a_source_changes(tmp_path, monkeypatch):
     monkeypatch.setattr(all_tables, "DONE", tmp_path / "done.json")
     runs = []
-    monkeypatch.setattr(all_tables, "TABLES", {"benchmarks.a": (), "benchmarks.b": (), "studies.c": (all_tables.DATA,)})
+    tables = {"benchmarks.a": (), "benchmarks.b": (), "benchmarks.public": (), "studies.c": (all_tables.DATA,)}
+    monkeypatch.setattr(all_tables, "TABLES", tables)
     monkeypatch.delenv(all_tables.DATA, raising=False)
     monkeypatch.setattr(all_tables, "digest", lambda: "now")
 
@@ -150,3 +151,6 @@ def test_made_tables_are_kept_until_a_source_changes(tmp_path, monkeypatch):
     assert all_tables.main(["--again"]) == 0
     assert len(runs) == 5
     assert all_tables.main(["--more"]) == 2
+    monkeypatch.setenv(all_tables.DATA, "records")
+    assert all_tables.main([]) == 0  # what was skipped without records was not finished
+    assert runs[5:] == ["benchmarks.public", "studies.c"]
