@@ -9,8 +9,9 @@ from scipy.optimize import least_squares
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, RELATIVE_ERROR
+from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
 from hybrid_sysid_ros.identification.problem import FitProblem as IdentificationProblem
+from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps

@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
-from hybrid_sysid_ros.identification.starts import hidden_sizes, shown_start, start_of, unshown_states
+from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR, hidden_sizes, shown_start, start_of, unshown_states
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 Residuals = Callable[[Array], Array]
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-
-RELATIVE_ERROR = 0.05
-"""Expected free-run error relative to the output's deviation; it weights the data against the priors."""
 
 CORRELATION_SECONDS = 1.0
 """Free-run errors are slow: so many seconds of them count as one observation against the priors."""

@@ -6,7 +6,8 @@ state is worth in a simulation. The outputs of the first samples decide the rest
 
     min over x0  sum_k |(y_k - y(x0, u)_k) / s|^2 + |(x0 - x_shown) / d|^2
 
-s: the larger of noise and error of the run, so that the start does not bend to explain an error of the model.
+s: the larger of noise and error of the run, so that the start does not bend to explain an error of the model. All
+beginnings are searched at once, since one compiled call simulates them all; scipy's least_squares knows one point.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ BEGINNINGS = 8
 """Beginnings of the search where a record does not show some states."""
 ITERATIONS, STILL = 30, 1e-6
 """Most iterations of a search, and the relative change of the cost that ends it."""
-EXPECTED = 0.05
-"""Error of a run in the output's deviation with which the search begins."""
+RELATIVE_ERROR = 0.05
+"""Expected error of a free run in the output's deviation, until a run says more; fits weight data against priors by it.
+"""
 WIDE = 10.0
 """Prior deviation of a state that no record shows, in its root mean square over a simulation."""
 FAILED = 1e9
@@ -143,7 +145,7 @@ def _searched(
         random = np.random.default_rng(0).normal(size=(BEGINNINGS - 1, len(free)))
         moves = np.concatenate([moves, random * np.where(priors < 1.0, 2.0, 0.0)])
     problem = _Problem(system, experiment, state, free, scales, priors, measured)
-    errors = np.maximum(noise, EXPECTED * deviation)
+    errors = np.maximum(noise, RELATIVE_ERROR * deviation)
     moves, costs = problem.search(moves, errors)
     best = int(np.argmin(costs))
     found, _ = problem.residuals(moves[best : best + 1])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq, qr, svd
 from scipy.signal import lfilter
 
-from hybrid_sysid_ros.identification.starts import EXPECTED, WIDE
+from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR, WIDE
 from hybrid_sysid_ros.support.arrays import Array
 
 Stretch = tuple[Array, Array]
@@ -185,7 +185,7 @@ def residuals(model: Matrices, inputs: Array, outputs: Array, *, known: int | No
     if known is None:
         first = lstsq(starts.reshape(-1, n), errors.ravel(), cond=1e-10)[0]
     else:
-        prior = EXPECTED / WIDE / np.maximum(sizes_of_states(model, inputs), 1e-12)
+        prior = RELATIVE_ERROR / WIDE / np.maximum(sizes_of_states(model, inputs), 1e-12)
         seen = np.concatenate([starts[:known].reshape(-1, n), np.diag(prior)])
         first = lstsq(seen, np.concatenate([errors[:known].ravel(), np.zeros(n)]))[0]
     return np.asarray(errors - starts @ first)
