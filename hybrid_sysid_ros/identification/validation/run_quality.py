@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -77,13 +77,13 @@ def _open(system: System, experiment: PreparedRecord) -> tuple[Array, Array]:
     first[1:, list(start.estimated)] += moves
     count = experiment.samples
     starts = np.array([[0, 0, count, k * count] for k in range(len(first))])
-    given = {"step": sampling.step, "every": sampling.every}
-    _, runs = rollouts(system, starts, first, experiment.inputs, **given)  # type: ignore[arg-type]
+    given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
+    _, runs = rollouts(system, starts, first, experiment.inputs, **given)
     found = [*runs.reshape(len(first), count, -1)]
     for column, size in enumerate(np.ptp(experiment.inputs, axis=0)):
         inputs = experiment.inputs.copy()
         inputs[:, column] += OFFSET * size
-        found.append(rollouts(system, starts[:1], first[:1], inputs, **given)[1])  # type: ignore[arg-type]
+        found.append(rollouts(system, starts[:1], first[:1], inputs, **given)[1])
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.sum([(run - found[0]) ** 2 for run in found[1:]], axis=0)
         return np.minimum(np.nan_to_num(np.sqrt(squares), nan=1e9), 1e9) * np.ones_like(found[0]), found[0]
