@@ -131,40 +131,54 @@ def fit(
             solutions = [_solve(problem, horizon, point, limits, pool.map) for point in points]
             solution = min(solutions, key=lambda item: float(item.cost))
             points = [solution.x]
-            relative = problem.relative_error(solution.fun)
             if progress is not None:
                 stage = "whole records" if horizon is None else f"{horizon}-sample rollouts"
-                progress(stage, problem.evaluations, relative)
+                progress(stage, problem.evaluations, problem.relative_error(solution.fun))
         if not len(system.weights) and unstable is None and np.isfinite(problem.spreads).any():
-            for _ in range(REWEIGHTED):
-                more = confidence(solution.jac, solution.fun, problem.edges(stages[-1]))
-                if more < WORTHWHILE:
-                    break
-                problem.confidence *= min(more, MOST_CONFIDENCE / problem.confidence)
-                solution = _solve(problem, stages[-1], solution.x, (tolerance or FINE, iterations), pool.map)
-                relative = problem.relative_error(solution.fun)
+            solution = _reweighted(problem, stages[-1], solution, (tolerance or FINE, iterations), pool.map)
+    relative = problem.relative_error(solution.fun)
     if not np.isfinite(relative) or relative > 1e3:
         raise UserError("identification: every simulation diverges; start from a simpler structure or a smaller step")
     seconds, evaluations = time.perf_counter() - began, problem.evaluations
-    units, edges = np.outer(problem.scales, problem.scales), problem.edges(stages[-1])
-    jacobian, corners = solution.jac, bool(system.contacts) and unstable is None
-    if corners:
-        jacobian = secant_jacobian(problem.residuals(stages[-1]), solution.x, jacobian, edges)
+    return _with_errors(problem, stages[-1], solution, anchor, seconds=seconds, evaluations=evaluations)
+
+
+def _reweighted(problem: FitProblem, horizon: int | None, solution: Any, limits: tuple[float, int], run: Map) -> Any:
+    """A solution with larger weights of errors that are smaller than expected, see REWEIGHTED."""
+    for _ in range(REWEIGHTED):
+        more = confidence(solution.jac, solution.fun, problem.edges(horizon))
+        if more < WORTHWHILE:
+            break
+        problem.confidence *= min(more, MOST_CONFIDENCE / problem.confidence)
+        solution = _solve(problem, horizon, solution.x, limits, run)
+    return solution
+
+
+def _with_errors(
+    problem: FitProblem, horizon: int | None, solution: Any, anchor: Fit | None, *, seconds: float, evaluations: int
+) -> Fit:
+    """The fit of a solution, with its standard errors."""
+    free_runs = not isinstance(problem, MultipleShootingProblem)
+    units, edges = np.outer(problem.scales, problem.scales), problem.edges(horizon)
+    jacobian = solution.jac
+    if problem.system.contacts and free_runs:
+        jacobian = secant_jacobian(problem.residuals(horizon), solution.x, jacobian, edges)
     priors = problem.prior_covariance(None if anchor is None else anchor.covariance)
-    shifts = known_errors(problem, solution.x) if unstable is None and stages[-1] is None else None
+    shifts = known_errors(problem, solution.x) if free_runs and horizon is None else None
     inverse, robust = covariances(jacobian, solution.fun, edges, priors=priors, shifts=shifts)
-    shared = slice(problem.shared)
-    robust[shared, shared] += np.outer(lag_of_sensors(problem), lag_of_sensors(problem))
+    shared, lag = slice(problem.shared), lag_of_sensors(problem)
+    robust[shared, shared] += np.outer(lag, lag)
+    data = jacobian[: edges[-1]]
     return Fit(
         system=problem.with_point(solution.x),
         names=problem.names,
         covariance=robust[shared, shared] * units,
         by_cost=inverse[shared, shared] * units,
         step_error=np.zeros(0) if shifts is None else (inverse @ (jacobian.T @ shifts[0]))[shared] * problem.scales,
-        effective=float(np.trace(inverse @ (jacobian[: edges[-1]].T @ jacobian[: edges[-1]]))),
+        effective=float(np.trace(inverse @ (data.T @ data))),
         block_spread=block_spread(jacobian, solution.fun, edges)[shared] * problem.scales,
         nuisances=problem.named_nuisances(solution.x),
-        relative_error=relative,
+        relative_error=problem.relative_error(solution.fun),
         seconds=seconds,
         evaluations=evaluations,
         chi_squared=problem.chi_squared(solution.fun),
