@@ -1,4 +1,4 @@
-"""python -m studies.public [run] [FOLDER] | identibench NAME."""
+"""python -m studies.public [run [FOLDER] | identibench NAME]."""
 
 from __future__ import annotations
 
