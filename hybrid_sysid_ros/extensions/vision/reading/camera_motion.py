@@ -150,8 +150,11 @@ def motion_of_camera(view: FilmView, background: NDArray[np.floating] | None = N
         return None
     tracker = _Tracker(cv2, reference, np.asarray(corners, dtype=np.float32).reshape(-1, 2))
     standing = _standing(tracker, few, scale)
-    if standing.sum() < FEWEST:
-        return None
+    if swings := bool(standing.sum() < FEWEST):
+        tracker.flat = False  # a camera that turns far away sees what stands in perspective
+        standing = _standing(tracker, few, scale)
+        if standing.sum() < FEWEST:
+            return None
     tracker = _Tracker(cv2, reference, tracker.features[standing])
     tracker.flat = _flat(tracker, few, scale)
     poses, residuals, known = np.tile(np.eye(3), (count, 1, 1)), np.full(count, np.nan), np.eye(3)
@@ -173,7 +176,7 @@ def motion_of_camera(view: FilmView, background: NDArray[np.floating] | None = N
         poses=poses,
         shake=float(np.sqrt(np.mean(beside**2) * 2.0)),
         farthest=float(np.hypot(beside[..., 0], beside[..., 1]).max()),
-        roll=float(np.std(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))),
+        roll=float(np.std(_rolls(places))),
         deviation=deviation,
         features=tracker.features,
         width=width,
@@ -191,7 +194,7 @@ def motion_of_camera(view: FilmView, background: NDArray[np.floating] | None = N
             f"the camera was moved: it looks up to {motion.farthest:.0f} pixels elsewhere, which is more than can be "
             "taken out: put it on a tripod, or cut the film there"
         )
-    return motion
+    return None if swings else motion  # known well enough to refuse by, not to be taken out
 
 
 class _Tracker:
@@ -290,6 +293,12 @@ def _looks(shape: tuple[int, ...]) -> Array:
     """Places (5, 2) at which a motion is judged: the middle, and half-way to the corners."""
     rows, columns = shape
     return np.array([[x * columns, y * rows] for x, y in ((0.5, 0.5), (0.2, 0.2), (0.8, 0.2), (0.2, 0.8), (0.8, 0.8))])
+
+
+def _rolls(places: NDArray[np.float64]) -> Array:
+    """How far each picture (pictures,) is rolled, by the places (pictures, 5, 2) of :func:`_looks` [rad]."""
+    across = places[:, (2, 4)].mean(axis=1) - places[:, (1, 3)].mean(axis=1)
+    return np.asarray(np.arctan2(across[:, 1], across[:, 0]))
 
 
 def _lost_at(view: FilmView, residuals: Array) -> float:

@@ -73,6 +73,22 @@ def test_a_shaking_camera_is_said(frames: list[tuple[float, Picture]], tmp_path:
     assert "tripod" in _found(frames, tmp_path, shaken)["tripod"].advice
 
 
+def test_a_camera_that_swings_away_is_said_to_be_moved(tmp_path: Path) -> None:
+    """A camera that pans by .35 rad sees what stands in perspective: no similarity explains it beside the middle."""
+    rows, columns, focal = 136, 240, 216.0
+    grain = np.random.default_rng(0).standard_normal((2 * rows, 3 * columns))
+    wall = np.clip(128.0 + 400.0 * cv2.GaussianBlur(grain, (0, 0), 2.0), 0, 255).astype(np.uint8)
+    lens = np.array([[focal, 0.0, columns / 2], [0.0, focal, rows / 2], [0.0, 0.0, 1.0]])
+    middle = np.array([[1.0, 0.0, -columns], [0.0, 1.0, -rows / 2], [0.0, 0.0, 1.0]])
+    seen = []
+    for number, pan in enumerate(np.linspace(-0.35, 0.35, 120).tolist()):
+        turn = lens @ cv2.Rodrigues(np.array([0.0, pan, 0.0]))[0] @ np.linalg.inv(lens)
+        seen.append((number / 30.0, np.asarray(cv2.warpPerspective(wall, turn @ middle, (columns, rows)), np.uint8)))
+    write_film(tmp_path / "film.mp4", seen, rate=30.0, preset="superfast")
+    with pytest.raises(UserError, match="the camera was moved"):
+        FilmView(path=tmp_path / "film.mp4").steadied()
+
+
 def test_a_page_is_written_to_click_on(
     call: Callable[..., Answer], frames: list[tuple[float, Picture]], tmp_path: Path
 ) -> None:
