@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+import hybrid_sysid_ros
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification.identify import evaluate, identify
 from hybrid_sysid_ros.identification.selection.cross_validation import cross_validate
@@ -185,8 +187,18 @@ def _key(public: PublicSet, structure: str, candidates: Candidates, seeds: int) 
     """Digest of all that a row depends on."""
     files = [(HERE / public.name / file).read_text(encoding="utf-8") for file in ("system.py", "rig.yaml")]
     records = [record.fingerprint for record in (*public.train, *public.tests)]
-    content = [structure, [dict(item) for item in candidates], seeds, astuple(public.sampling), files, records]
+    chosen = [structure, [dict(item) for item in candidates], seeds, FOLDS, NEAR, astuple(public.sampling)]
+    content = [chosen, files, records, package_digest()]
     return hashlib.sha256(json.dumps([content, versions()], default=str).encode()).hexdigest()[:16]
+
+
+@cache
+def package_digest() -> str:
+    """Digest of the package's sources: a fit of earlier ones is another one."""
+    found = hashlib.sha256()
+    for path in sorted(Path(hybrid_sysid_ros.__file__).parent.rglob("*.py")):
+        found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 def _kept(path: Path) -> dict[str, dict[str, Any]]:

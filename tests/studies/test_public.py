@@ -81,6 +81,9 @@ def test_what_is_finished_is_not_done_again(folder, tmp_path, call, monkeypatch)
         assert status == 0
         assert "0.084" in shown  # what is asked for
     assert fits == [structure for structure, _ in study.KINDS["drives"].values()]
+    monkeypatch.setattr(study, "package_digest", lambda: "of changed sources")
+    assert call(program.main, "python -m studies.public", *arguments)[0] == 0
+    assert fits[3:] == fits[:3]
     assert set(json.loads(out.read_text())["drives"]) == set(study.KINDS["drives"])
 
 
