@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +21,7 @@ from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
-from hybrid_sysid_ros.identification.validation.input_bias import adapt
+from hybrid_sysid_ros.identification.validation.input_bias import Adapted, adapt
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
 from hybrid_sysid_ros.identification.validation.run_quality import GOOD, RunQuality, run_quality
 from hybrid_sysid_ros.identification.validation.unstable import PredictionErrors, UnstableError, predictions
@@ -56,8 +57,7 @@ def command(
     rig: terminal.OwnRig = "",
 ) -> None:
     """Score a model by strict free run: one initial state, never corrected; it is found as in the model's fit, unless
-    options say otherwise. Where a bag has the reference, the whole
-    closed loop is re-simulated from it as well.
+    options say otherwise. Where a bag has the reference, the whole closed loop is re-simulated from it as well.
     """
     if report is not None:
         reports.check_available()
@@ -66,56 +66,91 @@ def command(
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling, model=loaded)
-    low, high = described.limits
-    shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
-    try:
-        runs = {
-            record.name: adapt(loaded.system, chosen.of(record, loaded.sampling), **shared)
-            for record in (records if adapted else ())
-        }
-    except UnstableError as error:
-        raise UserError(f"{error}: leave out --adapt") from error
-    scores, ahead = _scored(loaded, records, chosen, described)
-    qualities = _qualities(loaded, records, chosen, scores)
-    for record in records:
-        if not qualities.get(record.name, GOOD).judged:
-            ahead[record.name] = predictions(loaded.system, experiment_of(loaded, record, part=chosen), None)
-    biases = {name: run.content(loaded.system) for name, run in runs.items()}
-    bands = _bands(loaded, [record for record in records if record.name in scores], chosen)
-    loops, skipped = _loops(loaded, records, chosen, described)
-    for reason in skipped.values():
+    runs = _adapted(loaded, records, chosen, described, adapted)
+    found = _found(loaded, records, chosen, described, {name: run.content(loaded.system) for name, run in runs.items()})
+    for reason in found.skipped.values():
         status.print(f"no closed loop: {reason}")
     if report is not None:
         section = reports.identification_section(loaded, [(record, chosen) for record in records], runs)
         reports.write_report(report, section, None, reports.provenance(loaded, typed()))
         status.print(str(report))
     if as_json:
-        content: dict[str, dict[str, Any]] = {
-            record.name: {
-                **scores.get(record.name, {}),
-                **({"ahead": [_row(item) for item in ahead[record.name]]} if record.name in ahead else {}),
-                **({"bands": bands[record.name]} if record.name in bands else {}),
-                **({"doubt": vars(qualities[record.name])} if record.name in qualities else {}),
-                "closed_loop": loops.get(record.name),
-            }
-            for record in records
-        }
-        for name, values in biases.items():
-            content[name]["adapted"] = values
+        content = {record.name: found.content(record.name) for record in records}
         console.print_json(json.dumps({"model": str(model), "part": part, "records": content}))
     else:
-        for quality in qualities.values():
-            console.print(f"doubt: {quality.sentence}")
-        if followed := {name: loops[name] for name in ahead if name in loops}:
-            print_table(terminal.score_table(followed, described, "closed loop, from the commands alone"))
-        if ahead:
-            print_table(_ahead_table(ahead, described))
-        if scores:
-            print_table(terminal.score_table(scores, described, "free run", loops))
-        if bands:
-            print_table(_band_table(bands, described))
-        if biases:
-            print_table(terminal.bias_table(biases, described, adapted))
+        _show(found, described, adapted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Findings:
+    """What an evaluation found, by the records' names."""
+
+    scores: Mapping[str, Mapping[str, Any]]
+    """Of the free run, where it has a meaning."""
+    ahead: Mapping[str, Sequence[PredictionErrors]]
+    """Errors of predictions, where it has none or says little."""
+    qualities: Mapping[str, RunQuality]
+    """What is wrong with the free run, where something is."""
+    bands: Mapping[str, Mapping[str, Any]]
+    """What the bands of the free run hold, by level."""
+    loops: Mapping[str, Mapping[str, Any]]
+    """Scores of the closed loop that is done again."""
+    skipped: Mapping[str, str]
+    """Why it was not."""
+    biases: Mapping[str, dict[str, Any]]
+    """Biases of inputs over the first seconds, and the scores without and with them, where they were asked for."""
+
+    def content(self, name: str) -> dict[str, Any]:
+        """Of one record, as plain data."""
+        return {
+            **self.scores.get(name, {}),
+            **({"ahead": [_row(item) for item in self.ahead[name]]} if name in self.ahead else {}),
+            **({"bands": self.bands[name]} if name in self.bands else {}),
+            **({"doubt": vars(self.qualities[name])} if name in self.qualities else {}),
+            "closed_loop": self.loops.get(name),
+            **({"adapted": self.biases[name]} if name in self.biases else {}),
+        }
+
+
+def _found(
+    model: Model, records: Sequence[Record], part: Part, rig: Rig, biases: Mapping[str, dict[str, Any]]
+) -> _Findings:
+    scores, ahead = _scored(model, records, part, rig)
+    qualities = _qualities(model, records, part, scores)
+    for record in records:
+        if not qualities.get(record.name, GOOD).judged:
+            ahead[record.name] = predictions(model.system, experiment_of(model, record, part=part), None)
+    bands = _bands(model, [record for record in records if record.name in scores], part)
+    loops, skipped = _loops(model, records, part, rig)
+    return _Findings(
+        scores=scores, ahead=ahead, qualities=qualities, bands=bands, loops=loops, skipped=skipped, biases=biases
+    )
+
+
+def _show(found: _Findings, rig: Rig, seconds: float) -> None:
+    """Print what was found, what counts most first; seconds: from which biases are."""
+    for quality in found.qualities.values():
+        console.print(f"doubt: {quality.sentence}")
+    if followed := {name: found.loops[name] for name in found.ahead if name in found.loops}:
+        print_table(terminal.score_table(followed, rig, "closed loop, from the commands alone"))
+    if found.ahead:
+        print_table(_ahead_table(found.ahead, rig))
+    if found.scores:
+        print_table(terminal.score_table(found.scores, rig, "free run", found.loops))
+    if found.bands:
+        print_table(_band_table(found.bands, rig))
+    if found.biases:
+        print_table(terminal.bias_table(found.biases, rig, seconds))
+
+
+def _adapted(model: Model, records: Sequence[Record], part: Part, rig: Rig, seconds: float) -> dict[str, Adapted]:
+    """By record, the free run with a bias from the first seconds; empty for no seconds."""
+    low, high = rig.limits
+    given: dict[str, Any] = {"sampling": model.sampling, "spans": high - low, "seconds": seconds}
+    try:
+        return {r.name: adapt(model.system, part.of(r, model.sampling), **given) for r in (records if seconds else ())}
+    except UnstableError as error:
+        raise UserError(f"{error}: leave out --adapt") from error
 
 
 def _scored(

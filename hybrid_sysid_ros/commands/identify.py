@@ -132,7 +132,7 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
                     f"{_reason(model, name, records)}"
                 )
     title = "training" if rig.experiments.stabiliser is None else "training, closed by the stabiliser"
-    print_table(terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, rig, title))
+    print_table(terminal.score_table(model.scores, rig, title))
     if rows := stages_of(model, records):
         print_table(stages_table(rows))
 

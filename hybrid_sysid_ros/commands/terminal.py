@@ -164,7 +164,10 @@ StructureOptions = Annotated[
 
 
 def score_table(
-    scores: dict[str, dict[str, Any]], rig: Rig, title: str, loops: dict[str, dict[str, Any]] | None = None
+    scores: Mapping[str, Mapping[str, Any]],
+    rig: Rig,
+    title: str,
+    loops: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Table:
     """Table of records' scores, a row for each output with errors in its display unit, beside scores of re-simulated
     loops.

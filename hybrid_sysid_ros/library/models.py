@@ -155,11 +155,11 @@ def identify(
     """Fit a structure to parts of records.
 
     records: one or several. structure: "hybrid", "gray", "linear", "narx" and the others of ``hybrid-sysid identify
-    --help``. sampling: ``step``, ``period``, ``input``, ``initial``, ``initial_samples`` and ``warm_up``, by
-    default those of the rig's file. part: a part of all
-    records as fractions, or one for each record. options: numbers by name, such as {"units": 8}. seed: random seed.
-    progress(stage, evaluations, error): a function that is called during the fit. refine: whether a gray box is fitted
-    again at a finer step where the step moves its parameters too far; by default where the sampling gives no step.
+    --help``. sampling: ``step``, ``period``, ``input``, ``initial``, ``initial_samples`` and ``warm_up``, by default
+    those of the rig's file. part: a part of all records as fractions, or one for each record. options: numbers by name,
+    such as {"units": 8}. seed: random seed. progress(stage, evaluations, error): a function that is called during
+    the fit. refine: whether a gray box is fitted again at a finer step where the step moves its parameters too far; by
+    default where the sampling gives no step.
 
     Raises UserError for records that don't fit the rig, its sampling or each other, or don't excite the rig, and for an
     unknown structure or option.
