@@ -102,6 +102,7 @@ def backlash(
     """
     half = 0.5 * gap
     if _ROUNDED.get():
+        half = maximum(half, 1e-12)  # without a gap the bridge over it would divide zero by zero
         stretch = dead_zone(twist, half, 0.1 * half, over=over)
         return stiffness * stretch + damping * rate * stretch * stretch / (stretch * stretch + half * half)
     stretch = twist - saturate(twist, half)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import casadi
 import numpy as np
 import pytest
 
@@ -78,6 +79,16 @@ def test_within_the_gap_a_solver_sees_the_way_out():
         value, jacobian = step_with_jacobian(Coupling(), [0.01, 0.0], [0.0], step=0.01, smoothing=0.01, output=True)
     assert np.isfinite(value).all()
     assert np.isfinite(jacobian).all()
+
+
+def test_a_coupling_without_a_gap_is_finite_for_solvers():
+    """A gap that is identified may end at its bound."""
+    twist, gap = casadi.SX.sym("twist"), casadi.SX.sym("gap")
+    with rounded():
+        force = backlash(twist, 0.5, gap=gap, stiffness=5.0, damping=2.0)
+    solver_form = casadi.Function("force", [twist, gap], [force, casadi.gradient(force, twist)])
+    assert all(np.isfinite(float(item)) for item in solver_form(0.0, 0.0))
+    assert [float(item) for item in solver_form(0.3, 0.0)] == pytest.approx([2.5, 5.0])
 
 
 def test_a_gap_is_identified_from_an_encoder_of_12_bits():
