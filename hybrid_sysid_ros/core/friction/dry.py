@@ -32,7 +32,9 @@ class _Stick(Contact, ABC):
         """The level during this step, without a direction."""
 
     def directed(self, v: Scalar, hidden: Sequence[Scalar], way: Way, smoothing: Scalar | None, at: Fields) -> Scalar:
-        """The level during this step against a push of sign ``way``: at rest the velocity has no sign."""
+        """The level during this step with its direction, for which ``way`` gives the factor by the sign of the push: at
+        rest the velocity has none.
+        """
         return way(at.get("direction", 0.0)) * self.level_now(v, hidden, smoothing, at)
 
     def after(
