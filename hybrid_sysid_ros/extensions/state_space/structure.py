@@ -91,7 +91,7 @@ def _modes(system: StateSpace) -> list[str]:
         rate = np.log(pole + 0j) / system.period if pole != 0.0 else -np.inf
         if abs(pole) >= 1.0:
             found.append(f"mode: pole {pole.real:.4g}{f' +- {pole.imag:.4g}i' if pole.imag else ''}, unstable")
-        elif pole.imag == 0.0:
+        elif rate.imag == 0.0:
             found.append(f"mode: time constant {-1.0 / rate.real:.4g} s")
         else:
             size = abs(rate)

@@ -162,6 +162,16 @@ def test_a_band_limited_input_is_read_when_the_outputs_are():
     assert structure.sampling(Sampling()).input == "averaged"
 
 
+@pytest.mark.parametrize(
+    ("pole", "words"), [(0.5, "mode: time constant 0.07213 s"), (-0.5, "mode: 10.24 Hz, damping 0.215")]
+)
+def test_a_pole_that_changes_its_sign_each_sample_is_an_oscillation(pole, words):
+    """Of half the sampling rate, 10 Hz, damped by ln 2 / sqrt(pi^2 + ln^2 2)."""
+    system = state_space(order=1, units=0)
+    structure = structure_of("state_space", hs.load_rig("wheel_motor").system)
+    assert structure.lines(system.with_weights(np.array([pole, *system.weights[1:]])))[1] == words
+
+
 def test_units_in_the_feedback_learn_a_spring_that_hardens():
     """A resonance with a cubic spring, where a linear model is wrong by tenths."""
     random, x = np.random.default_rng(4), np.zeros(2)
