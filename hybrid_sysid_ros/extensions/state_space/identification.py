@@ -118,12 +118,11 @@ def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[Stretch], tuple[flo
 
 
 def _selected(stretches: Sequence[Stretch], settings: StateSpaceSettings, known: int, tell: Progress) -> Selection:
-    if settings.order and settings.through is not None:
-        _check_length(stretches, settings.order)
-        return Selection(order=settings.order, through=settings.through, trials=())
-    orders = [settings.order] if settings.order else comparable(stretches, settings.highest)
     if settings.order:
         _check_length(stretches, settings.order)
+        if settings.through is not None:
+            return Selection(order=settings.order, through=settings.through, trials=())
+    orders = [settings.order] if settings.order else comparable(stretches, settings.highest)
     return select_order(
         stretches,
         orders=orders,
