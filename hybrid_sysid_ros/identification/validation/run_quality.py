@@ -111,7 +111,10 @@ def _explained(system: System, experiment: PreparedRecord, run: Array) -> RunQua
                 sentence=f"{name}: the model does not explain {item.name}, and no factor of it would help: it is not "
                 "of this system, or what moves it is not among the inputs",
             )
-        better = f"{name}: the run of {item.name} would have R2 {alike:.2f} times {factor:.3g}"
+        better = (
+            f"{name}: multiplied by {factor:.3g}, the run of {item.name} would have R2 {alike:.2f} (over its second "
+            "half, without the means)"
+        )
         if factor < 0.0:
             return RunQuality(kind="sign", sentence=f"{better}: the sign of {item.name} or of an input is turned")
         return RunQuality(kind="unit", sentence=f"{better}: {item.name} or an input is in another unit or scale")
