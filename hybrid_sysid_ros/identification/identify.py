@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -75,16 +75,8 @@ def identify(
     spread = len(fitted.block_spread) == len(fitted.names) > 0
     known_together = groups(fitted)
     experiments, shown = context.experiments(fitted.system), context.experiments(rig.system)
-    columns = [
-        *zip(rig.system.states, np.concatenate([item.states for item in shown]).T, strict=True),
-        *zip(rig.system.inputs, np.concatenate([item.inputs for item in experiments]).T, strict=True),
-    ]
-    ranges = {variable.name: (float(column.min()), float(column.max())) for variable, column in columns}
-    bands = None
-    if rig.experiments.stabiliser is None:
-        spans = np.array([np.ptp(ranges[item.name]) for item in rig.system.inputs])
-        known = Uncertainty(names=fitted.names, covariance=fitted.covariance, effective=fitted.effective, spans=spans)
-        bands = band_calibration(fitted.system, experiments, known)
+    ranges = _ranges(rig, shown)
+    bands = _bands(rig, fitted, experiments, ranges)
     return Model(
         rig=rig.name,
         place="" if rig.source == rig.name else rig.source,
@@ -144,6 +136,26 @@ def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
         return score_free_run(system, experiment)
     names = [item.name for item in system.outputs]
     return Scores.of(names, experiment.outputs, stabilised_run(system, experiment, stabiliser)[1])
+
+
+def _ranges(rig: Rig, experiments: Sequence[PreparedRecord]) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value of each state and input of a rig, by name."""
+    columns = [
+        *zip(rig.system.states, np.concatenate([item.states for item in experiments]).T, strict=True),
+        *zip(rig.system.inputs, np.concatenate([item.inputs for item in experiments]).T, strict=True),
+    ]
+    return {variable.name: (float(column.min()), float(column.max())) for variable, column in columns}
+
+
+def _bands(
+    rig: Rig, fitted: Fit, experiments: Sequence[PreparedRecord], ranges: Mapping[str, tuple[float, float]]
+) -> dict[str, Any]:
+    """What bands need to know; empty for an unstable rig, which has no free runs."""
+    if rig.experiments.stabiliser is not None:
+        return {}
+    spans = np.array([np.ptp(ranges[item.name]) for item in rig.system.inputs])
+    known = Uncertainty(names=fitted.names, covariance=fitted.covariance, effective=fitted.effective, spans=spans)
+    return band_calibration(fitted.system, experiments, known)
 
 
 def _biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:
