@@ -26,7 +26,7 @@ SECONDS = 8.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Filmed:
+class SeenExperiment:
     """An experiment and what a camera saw of it."""
 
     rig: Rig
@@ -36,7 +36,7 @@ class Filmed:
     layers: PictureLayers
 
 
-def _filmed(name: str, folder: Path) -> Filmed:
+def _seen_experiment(name: str, folder: Path) -> SeenExperiment:
     rig = load(name)
     motion = experiment(rig, "multisine", folder / name, seed=2, duration=SECONDS, rate=200.0)
     times: Array = np.arange(0.9, SECONDS, PERIOD, dtype=np.float64)
@@ -49,15 +49,15 @@ def _filmed(name: str, folder: Path) -> Filmed:
         stated_rate=1 / PERIOD,
     )  # fmt: skip
     layers = painted_layers(rig, Camera(width=240, height=136))
-    return Filmed(rig=rig, bag=folder / name, motion=motion, footage=footage, layers=layers)
+    return SeenExperiment(rig=rig, bag=folder / name, motion=motion, footage=footage, layers=layers)
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
-    return _filmed("wheel_motor", tmp_path_factory.mktemp("wheel"))
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> SeenExperiment:
+    return _seen_experiment("wheel_motor", tmp_path_factory.mktemp("wheel"))
 
 
-def test_a_film_is_put_in_a_bags_time_by_the_speed(wheel: Filmed) -> None:
+def test_a_film_is_put_in_a_bags_time_by_the_speed(wheel: SeenExperiment) -> None:
     record = video_record.joined(wheel.footage, wheel.layers, wheel.rig, wheel.bag, exposure=0.008)
     assert record.reference is not None
     assert record.reference.kind is MotionSource.SPEED
@@ -67,7 +67,7 @@ def test_a_film_is_put_in_a_bags_time_by_the_speed(wheel: Filmed) -> None:
     assert any("by its speed" in line for line in video_record.contradictions(record))
 
 
-def test_a_film_is_put_in_a_bags_time_by_the_input(wheel: Filmed, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_film_is_put_in_a_bags_time_by_the_input(wheel: SeenExperiment, monkeypatch: pytest.MonkeyPatch) -> None:
     reference = joint_reference._by_input(wheel.rig, "wheel", wheel.bag)
 
     def by_input(rig: Rig, joint: str, bag: Path) -> JointReference:
@@ -81,16 +81,16 @@ def test_a_film_is_put_in_a_bags_time_by_the_input(wheel: Filmed, monkeypatch: p
 
 @pytest.mark.parametrize("name", ["wheel_motor", "flexible_joint"])
 def test_a_written_bag_is_read_with_the_camera_in_the_sensors_place(name: str, tmp_path: Path) -> None:
-    filmed = _filmed(name, tmp_path)
-    record = video_record.joined(filmed.footage, filmed.layers, filmed.rig, filmed.bag, exposure=0.008)
-    joint = scene_of(filmed.rig).joint
+    taken = _seen_experiment(name, tmp_path)
+    record = video_record.joined(taken.footage, taken.layers, taken.rig, taken.bag, exposure=0.008)
+    joint = scene_of(taken.rig).joint
     written = video_record.at_rate(record, video_record.usual_rate(record))
-    video_record.write(written, filmed.rig, joint, filmed.bag, tmp_path / "out", replace=False, made_by="test")
-    video_record.write_signals(tmp_path / "signals.yaml", filmed.rig, joint)
-    system = filmed.rig.system
+    video_record.write(written, taken.rig, joint, taken.bag, tmp_path / "out", replace=False, made_by="test")
+    video_record.write_signals(tmp_path / "signals.yaml", taken.rig, joint)
+    system = taken.rig.system
     signals = Signals.load(tmp_path / "signals.yaml").ordered(system.inputs, system.outputs)
     seen = bags.read(tmp_path / "out", signals)
-    own = bags.read(filmed.bag, replace(filmed.rig.signals, channels={}))
+    own = bags.read(taken.bag, replace(taken.rig.signals, channels={}))
     assert seen.sampling_time == pytest.approx(own.sampling_time)
     for column in range(len(system.outputs)):
         assert np.ptp(seen.output[:, column]) == pytest.approx(np.ptp(own.output[:, column]), rel=0.1)
