@@ -112,11 +112,8 @@ def aligned(
             size = abs(difference)
             histogram[min(int(2.0 * size), BINS - 1)] += 1
             total += min(size, CAPPED)
-            if step == 0:
-                weight = 1.0 / (1.0 + (size / 10.0) ** 2)
-            elif size < limit:
-                weight = (1.0 - (size / limit) ** 2) ** 2
-            else:
+            weight = _weight(size, limit)
+            if weight == 0.0:
                 continue
             gradient += weight * difference * slope
             curvature += weight * slope * slope
@@ -133,6 +130,14 @@ def aligned(
             break
         most = FARTHEST / reach
         angle += min(max(move, -most), most)
+
+
+@inner
+def _weight(size: float, limit: float) -> float:
+    """Of a difference [counts]: the bisquare that ends at a limit, or before one is known, at 0, Cauchy's."""
+    if limit == 0.0:
+        return 1.0 / (1.0 + (size / 10.0) ** 2)
+    return (1.0 - (size / limit) ** 2) ** 2 if size < limit else 0.0
 
 
 @inner
@@ -245,11 +250,8 @@ def align_freely(
             used += 1
             size = abs(difference)
             histogram[min(int(2.0 * size), BINS - 1)] += 1
-            if step == 0:
-                weight = 1.0 / (1.0 + (size / 10.0) ** 2)
-            elif size < limit:
-                weight = (1.0 - (size / limit) ** 2) ** 2
-            else:
+            weight = _weight(size, limit)
+            if weight == 0.0:
                 continue
             block = int(points[k, 0] / width + blocks / 2)
             rows += weight * slopes[0] ** 2 * row
