@@ -20,7 +20,7 @@ from benchmarks.meaning.rows import Row
 from benchmarks.meaning.second_renderer import FilmCase, SecondRenderer, write
 from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
+from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, joined

@@ -20,8 +20,8 @@ from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView, squaring
 from hybrid_sysid_ros.extensions.vision.reading.film_check import film_check
+from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView, squaring
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import joint_reference
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.motion_prediction import DRIFTS, MotionAhead
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
+from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.likeness import structural_similarity
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer, Renderer

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.extensions.vision.camera.film import pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -31,6 +29,8 @@ DISPLACED = 1.5  # pixels of 640: a camera that looks farther beside was moved, 
 ROLLS = 0.02  # rad rms: what rolls more is no camera, but the joint
 MANY = 40  # features: a few are easily lost, so many only with the place
 LOST = 0.2  # share of the pictures in which the camera's motion may be unknown
+TimedPictures = Callable[[], Iterator[tuple[float, Picture]]]
+"""Reads a film from its beginning: times [s] and pictures."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,59 +72,10 @@ class CameraMotion:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FilmView:
-    """A film as it is read: seen squarely, where four marks tell how, with the camera's motion taken out."""
-
-    path: Path
-    square: NDArray[np.float64] | None = None
-    """Homography (3, 3) from places in the film's pictures to those in what is seen squarely [pixels]."""
-    motion: CameraMotion | None = None
-    """The camera's own, which is taken out; None where it is not known."""
-
-    def pictures(self) -> Iterator[tuple[float, Picture]]:
-        """Times [s] and pictures. Raises UserError where the film can't be read."""
-        for number, (time, picture) in enumerate(pictures(self.path)):
-            seen = picture if self.square is None else squared(picture, self.square)
-            yield time, seen if self.motion is None else self.motion.taken_out(seen, number)
-
-    def steadied(self, background: NDArray[np.floating] | None = None) -> FilmView:
-        """The same with the camera's motion taken out; see :func:`motion_of_camera`."""
-        return replace(self, motion=motion_of_camera(self, background))
-
-
-def squared(picture: Picture, square: NDArray[np.float64]) -> Picture:
-    """A picture as it is seen squarely, by a homography."""
-    import cv2
-
-    rows, columns = picture.shape
-    found = cv2.warpPerspective(
-        picture, square, (columns, rows), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-    )
-    return np.asarray(found)
-
-
-def squaring(marks: Array, rectangle: tuple[float, ...]) -> NDArray[np.float64]:
-    """The homography that makes four marks (4, 2) [pixels], from the upper left one clockwise, the corners of an
-    upright rectangle of a width and a height in any unit; their middle and their mean width stay.
-
-    Raises UserError where three of the marks lie on a line, or they go the other way round.
-    """
-    with extra("video"):
-        import cv2
-    sides = np.roll(marks, -1, axis=0) - marks
-    turns = sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
-    if not (turns > 1.0).all():
-        raise UserError("the four marks are no corners of a rectangle, from the upper left one clockwise")
-    wide = float(np.hypot(*sides[[0, 2]].T).mean())
-    half = np.array([wide, wide * rectangle[1] / rectangle[0]]) / 2.0
-    corners = marks.mean(axis=0) + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    return np.asarray(cv2.getPerspectiveTransform(marks.astype(np.float32), corners.astype(np.float32)))
-
-
-def motion_of_camera(view: FilmView, background: NDArray[np.floating] | None = None) -> CameraMotion | None:
-    """The camera's motion in a view of a film; None where too little stands still in it to tell. background (rows,
-    columns): of layers that were learned before, beside which it is told; otherwise it is beside a picture of the film.
+def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | None = None) -> CameraMotion | None:
+    """The camera's motion in a film, which is read several times; None where too little stands still in it to tell.
+    background (rows, columns): of layers that were learned before, beside which it is told; otherwise it is beside a
+    picture of the film.
 
     Features of one picture are followed to each other one (Lucas and Kanade 1981, in pyramids), those that go together
     in most pictures are what stands, and a homography or similarity of these is the pose (RANSAC).
@@ -134,9 +85,9 @@ def motion_of_camera(view: FilmView, background: NDArray[np.floating] | None = N
     """
     with extra("video"):
         import cv2
-    count = sum(1 for _ in view.pictures())
+    count = sum(1 for _ in film())
     chosen = set(np.linspace(0, count - 1, min(SAMPLED, count)).astype(int).tolist())
-    few = [picture for number, (_, picture) in enumerate(view.pictures()) if number in chosen]
+    few = [picture for number, (_, picture) in enumerate(film()) if number in chosen]
     if len({picture.shape for picture in few}) > 1:
         return None  # which is told where it is read
     reference = few[len(few) // 2]
@@ -158,14 +109,14 @@ def motion_of_camera(view: FilmView, background: NDArray[np.floating] | None = N
     tracker = _Tracker(cv2, reference, tracker.features[standing])
     tracker.flat = _flat(tracker, few, scale)
     poses, residuals, known = np.tile(np.eye(3), (count, 1, 1)), np.full(count, np.nan), np.eye(3)
-    for number, (_, picture) in enumerate(view.pictures()):
+    for number, (_, picture) in enumerate(film()):
         pose, residuals[number] = tracker.pose(picture, known, scale)
         known = poses[number] = pose if np.isfinite(residuals[number]) else known
     if np.isnan(residuals).mean() > LOST:
         if len(tracker.features) < MANY:
             return None
         raise UserError(
-            f"the camera was moved: what stands in it is not seen any more from {_lost_at(view, residuals):.3g} s on: "
+            f"the camera was moved: what stands in it is not seen any more from {_lost_at(film, residuals):.3g} s on: "
             "put it on a tripod, or cut the film there"
         )
     places = _moved(poses, _looks(reference.shape))
@@ -301,9 +252,9 @@ def _rolls(places: NDArray[np.float64]) -> Array:
     return np.asarray(np.arctan2(across[:, 1], across[:, 0]))
 
 
-def _lost_at(view: FilmView, residuals: Array) -> float:
+def _lost_at(film: TimedPictures, residuals: Array) -> float:
     """When more than half of a second's pictures are not like the reference for the first time [s]."""
-    times = np.array([time for time, _ in view.pictures()])
+    times = np.array([time for time, _ in film()])
     lost = np.convolve(np.isnan(residuals), np.ones(15) / 15.0, mode="same") > 0.5
     return float(times[int(np.argmax(lost))])
 

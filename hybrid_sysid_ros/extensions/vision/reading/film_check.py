@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.film import format_of, pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
+from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import picked
 from hybrid_sysid_ros.extensions.vision.reading.learning import NARROWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.film import format_of
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, FreeReading, Reading
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, FilmView
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
+from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
 from hybrid_sysid_ros.extensions.vision.reading.learning import FEWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film

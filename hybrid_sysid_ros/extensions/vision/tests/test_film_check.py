@@ -17,8 +17,8 @@ import cv2
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.vision.camera.film import write_film
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView, squared, squaring
 from hybrid_sysid_ros.extensions.vision.reading.film_check import Finding, film_check
+from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView, squared, squaring
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.arrays import Array

@@ -28,7 +28,7 @@ from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import (
 )
 from hybrid_sysid_ros.extensions.vision.prediction.motion_prediction import DRIFTS
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
+from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer, Renderer

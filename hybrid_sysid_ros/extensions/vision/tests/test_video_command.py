@@ -23,7 +23,7 @@ from hybrid_sysid_ros.extensions.vision.camera.film import CRF, write_film
 from hybrid_sysid_ros.extensions.vision.camera.filming import BEFORE, SceneMotion, experiment, film
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import FilmView
+from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.scene import scene_of

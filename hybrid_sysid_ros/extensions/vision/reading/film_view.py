@@ -1,0 +1,67 @@
+"""Film view: a film as it is read, seen squarely and as if its camera stood (OpenCV)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.extensions.vision.camera.film import pictures
+from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, motion_of_camera
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extras import extra
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FilmView:
+    """A film as it is read: seen squarely, where four marks tell how, with the camera's motion taken out."""
+
+    path: Path
+    square: NDArray[np.float64] | None = None
+    """Homography (3, 3) from places in the film's pictures to those in what is seen squarely [pixels]."""
+    motion: CameraMotion | None = None
+    """The camera's own, which is taken out; None where it is not known."""
+
+    def pictures(self) -> Iterator[tuple[float, Picture]]:
+        """Times [s] and pictures. Raises UserError where the film can't be read."""
+        for number, (time, picture) in enumerate(pictures(self.path)):
+            seen = picture if self.square is None else squared(picture, self.square)
+            yield time, seen if self.motion is None else self.motion.taken_out(seen, number)
+
+    def steadied(self, background: NDArray[np.floating] | None = None) -> FilmView:
+        """The same with the camera's motion taken out; see :func:`motion_of_camera`."""
+        return replace(self, motion=motion_of_camera(self.pictures, background))
+
+
+def squared(picture: Picture, square: NDArray[np.float64]) -> Picture:
+    """A picture as it is seen squarely, by a homography."""
+    import cv2
+
+    rows, columns = picture.shape
+    found = cv2.warpPerspective(
+        picture, square, (columns, rows), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(found)
+
+
+def squaring(marks: Array, rectangle: tuple[float, ...]) -> NDArray[np.float64]:
+    """The homography that makes four marks (4, 2) [pixels], from the upper left one clockwise, the corners of an
+    upright rectangle of a width and a height in any unit; their middle and their mean width stay.
+
+    Raises UserError where three of the marks lie on a line, or they go the other way round.
+    """
+    with extra("video"):
+        import cv2
+    sides = np.roll(marks, -1, axis=0) - marks
+    turns = sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
+    if not (turns > 1.0).all():
+        raise UserError("the four marks are no corners of a rectangle, from the upper left one clockwise")
+    wide = float(np.hypot(*sides[[0, 2]].T).mean())
+    half = np.array([wide, wide * rectangle[1] / rectangle[0]]) / 2.0
+    corners = marks.mean(axis=0) + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return np.asarray(cv2.getPerspectiveTransform(marks.astype(np.float32), corners.astype(np.float32)))
