@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +22,7 @@ from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.film_check import film_check
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView, squaring
-from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
+from hybrid_sysid_ros.extensions.vision.reading.footage import Footage, followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import joint_reference
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
@@ -111,46 +111,59 @@ def command(
         report.check_available()
         check_file(page, suffix=".html")
     with status.status("looking how the camera moves") as spinner, _named_in_errors(video, bag, layers):
-        known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
-        if known and layers is not None:
-            found = PictureLayers.load(layers)
-            view = view.steadied(found.background)
-        else:
-            view = view.steadied()
-            found, _ = learn(
-                picked(view), described, readout=readout, sized=not pivot,
-                progress=lambda stage: spinner.update(f"learning: {stage}"),
-            )  # fmt: skip
-        footage = followed(
-            view, AngleReader(found), scene.lamp, progress=lambda count: spinner.update(f"reading: {count} pictures")
-        )
+        kept = layers if layers is not None and (layers / f"{KIND}.yaml").exists() and not again else None
+        found, footage = _read(view, described, kept, readout=readout, sized=not pivot, tell=spinner.update)
         spinner.update("synchronising")
         record = video_record.joined(footage, found, described, bag, exposure=exposure)
-        if layers is not None and not known:
+        if layers is not None and kept is None:
             (found if bag is None else video_record.calibrated(found, record)).save(layers)
         ahead: list[Judged] = []
         if dynamics is not None and bag is not None:
             spinner.update("predicting")
             ahead = image_prediction.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
-    command_line = typed()
     written = video_record.at_rate(record, rate or video_record.usual_rate(record))
-    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=command_line)
-    for remark in [*footage.remarks(), *video_record.contradictions(record)]:
-        console.print(f"note: {remark}")
-    print_table(table_of(record))
-    if ahead:
-        print_table(ahead_table(ahead))
+    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=typed())
+    _print(record, ahead)
     console.print(f"{out}: {len(written.stamps)} positions of {scene.joint}")
     if bag is not None:
         signals = out.with_name(f"{out.name}.signals.yaml")
         video_record.write_signals(signals, described, scene.joint)
         console.print(f"{signals}: for hybrid-sysid identify {out} --signals {signals}")
     if page is not None:
-        sources = {"film": video} | ({"bag": bag} if bag is not None else {})
-        hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
-        provenance = report.Provenance(command=command_line, hashes=hashes, versions=versions())
+        provenance = _provenance({"film": video} | ({"bag": bag} if bag is not None else {}))
         write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
+
+
+def _read(
+    view: FilmView, rig: Rig, layers: Path | None, *, readout: float, sized: bool, tell: Callable[[str], object]
+) -> tuple[PictureLayers, Footage]:
+    """Layers of a folder, or else learned from the film, and what its pictures say by them."""
+    if layers is not None:
+        found = PictureLayers.load(layers)
+        view = view.steadied(found.background)
+    else:
+        view = view.steadied()
+        found, _ = learn(
+            picked(view), rig, readout=readout, sized=sized, progress=lambda stage: tell(f"learning: {stage}")
+        )
+    reader, lamp = AngleReader(found), scene_of(rig).lamp
+    return found, followed(view, reader, lamp, progress=lambda count: tell(f"reading: {count} pictures"))
+
+
+def _print(record: video_record.VideoRecord, ahead: Sequence[Judged]) -> None:
+    """Print what is odd about a film, and what was found in it."""
+    for remark in [*record.footage.remarks(), *video_record.contradictions(record)]:
+        console.print(f"note: {remark}")
+    print_table(table_of(record))
+    if ahead:
+        print_table(ahead_table(ahead))
+
+
+def _provenance(sources: Mapping[str, Path]) -> report.Provenance:
+    """Of a page about files, by what each is: the command as it was typed, and the files' hashes."""
+    hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
+    return report.Provenance(command=typed(), hashes=hashes, versions=versions())
 
 
 def _pivot(text: str, video: Path) -> tuple[float, float]:
@@ -197,9 +210,8 @@ def _checked(view: FilmView, rig: Rig, marks: Array | None, page: Path, *, expos
         style = "red" if finding.bad else "yellow" if finding.advice else ""
         table.add_row(finding.what, finding.found, finding.advice or "good", style=style)
     print_table(table)
-    hashes = {f"film, {view.path.name}": sha256(view.path)}
-    provenance = report.Provenance(command=typed(), hashes=hashes, versions=versions())
-    console.print(f"page to click pivot, tip and marks on: {write_check(page, found, view.path, rig, provenance)}")
+    written = write_check(page, found, view.path, rig, _provenance({"film": view.path}))
+    console.print(f"page to click pivot, tip and marks on: {written}")
 
 
 @contextmanager
