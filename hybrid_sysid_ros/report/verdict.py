@@ -1,4 +1,7 @@
-"""Verdict: what a report shows, judged in a few sentences each, for somebody who has a minute."""
+"""Verdict: what a report shows, judged in a few sentences each, for somebody who has a minute.
+
+The bounds of the grades are conventions of this project, which its guide to reports states.
+"""
 
 from __future__ import annotations
 
