@@ -1,4 +1,4 @@
-"""The structure of a DIFNN: its terms by clusters, its rules and their links by counting winners."""
+"""The structure of a DIFNN: its terms by range and clusters, its rules and their links by counting winners."""
 
 from __future__ import annotations
 
