@@ -59,8 +59,6 @@ class Footage:
     """What the film's head says [Hz]."""
     view: FilmView | None = None
     """As which the film was read."""
-    wander: float = 0.0
-    """How far the joint's pivot moves in the pictures, rms [pixels]."""
 
     @property
     def motion(self) -> CameraMotion | None:
@@ -177,7 +175,6 @@ def followed(
         shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
         stated_rate=format_of(view.path).rate,
         view=view,
-        wander=steady.wander,
     )
 
 

@@ -33,10 +33,6 @@ class SteadyAngles:
     """Standard deviations [rad]."""
     rows: Array
     """Whose time they are of."""
-    wander: float
-    """How far the pivot moves in the pictures, rms, without what the measurement does [pixels]."""
-    free: bool
-    """Whether they are those of pictures in which the sprite may lie anywhere, as the camera moves."""
 
 
 def steady_angles(
@@ -73,13 +69,7 @@ def steady_angles(
         common += (uncertain / (LEVER * motion.width)) ** 2
     angles = np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan)
     deviations = LAYERS * np.sqrt(chosen[:, 1] ** 2 + common)
-    return SteadyAngles(
-        angles=angles,
-        deviations=deviations,
-        rows=chosen[:, 2],
-        wander=wander,
-        free=moves,
-    )
+    return SteadyAngles(angles=angles, deviations=deviations, rows=chosen[:, 2])
 
 
 def _apart(about: Array, free: Array) -> float:
