@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,8 +27,6 @@ from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.arrays import Array
 
 SECONDS, RATE, ASKED = 20.0, 60.0, 0.03
-DISC: Mapping[str, Any] = {"joint": "bit", "pivot": [0.5, 0.281], "sprite": [{"disc": 0.2}]}
-"""The drill string's scene: its bit, seen along the shaft."""
 FILMED: Mapping[str, tuple[str, ...]] = {
     "cam_beam": ("multisine", "random_steps"),
     "flexible_joint": ("multisine", "random_steps"),
@@ -41,12 +38,6 @@ STRIBECK: Mapping[str, tuple[str, ...]] = {
     "drill_string": ("coulomb", "static_excess", "stribeck_speed", "bit_damping"),
 }
 """Parameters of the curves of rigs with several velocities."""
-
-
-def filmed_rig(name: str) -> Rig:
-    """A rig with a scene."""
-    rig = load(name)
-    return rig if "scene" in rig.content else replace(rig, content={**rig.content, "scene": DISC})
 
 
 def records(rig: Rig, kind: str, seed: int) -> tuple[Record, Record]:
@@ -87,7 +78,7 @@ def difference(name: str) -> float:
     path = KEPT / f"friction_{name}.json"
     if path.exists():
         return float(json.loads(path.read_text(encoding="utf-8"))["difference"])
-    rig = filmed_rig(name)
+    rig = load(name)
     pairs = [records(rig, kind, seed) for seed, kind in enumerate(FILMED[name])]
     own, seen = (identify([pair[k] for pair in pairs], rig, "gray", sampling=Sampling(), seed=0) for k in (0, 1))
     rubs = next(iter(rig.system.contacts)).on

@@ -101,7 +101,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
         return None
     tracker = _Tracker(cv2, reference, np.asarray(corners, dtype=np.float32).reshape(-1, 2))
     standing = _standing(tracker, few, scale)
-    if swings := bool(standing.sum() < FEWEST):
+    if standing.sum() < FEWEST:
         tracker.flat = False  # a camera that turns far away sees what stands in perspective
         standing = _standing(tracker, few, scale)
         if standing.sum() < FEWEST:
@@ -145,7 +145,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
             f"the camera was moved: it looks up to {motion.farthest:.0f} pixels elsewhere, which is more than can be "
             "taken out: put it on a tripod, or cut the film there"
         )
-    return None if swings else motion  # known well enough to refuse by, not to be taken out
+    return motion
 
 
 class _Tracker:

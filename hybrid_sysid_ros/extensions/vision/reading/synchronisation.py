@@ -44,6 +44,8 @@ class Synchronisation:
     """Between them, rms [rad]."""
     used: NDArray[np.bool_]
     """Frames (frames,) that were compared: inside of the bag, and no outliers."""
+    bend: float
+    """By which the film's values bend beside the bag's, rms [rad]; see :func:`bent`."""
 
     def time(self, film: Array) -> Array:
         """Times of a film in the bag's time [s]."""
@@ -145,7 +147,27 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
         correlation=correlation,
         residual=float(np.sqrt(np.mean(difference[used] ** 2))),
         used=everywhere,
+        bend=bent(seen_angles, slopes, difference, blocks, used),
     )
+
+
+def bent(values: Array, slopes: Array, difference: Array, blocks: NDArray[np.int_], used: NDArray[np.bool_]) -> float:
+    """By how much values (frames,) of a film are no linear function of a bag's, rms [rad]: what their squares and
+    cubes explain of the difference (frames,) beyond the slopes (frames, 4) of what was fitted, in used frames.
+
+    A camera that looks from the side, a lens and a sensor that is not linear do this. It is told twice, by every other
+    block of time, and what both tell counts: noise does not.
+    """
+    even = (values - values.mean()) / max(float(np.ptp(values)), 1e-12)
+    slopes = slopes / np.maximum(np.abs(slopes).max(axis=0), 1e-12)
+    curves = np.column_stack([even**2, even**3])
+    curves = curves - slopes @ np.linalg.lstsq(slopes, curves, rcond=1e-12)[0]
+    regressors = np.column_stack([curves, slopes])
+    one, two = (
+        curves @ np.linalg.lstsq(regressors[half], difference[half], rcond=1e-9)[0][:2]
+        for half in (used & (blocks % 2 == 0), used & (blocks % 2 == 1))
+    )
+    return float(np.sqrt(max(float(np.mean(one * two)), 0.0)))
 
 
 def low_passed(values: Array, period: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -38,7 +39,8 @@ from hybrid_sysid_ros.support.files import written_file
 START = 1_000_000_000  # ns: the first stamp of a bag without another one to go by
 MOST_FILLED = 3  # pictures in a row without an angle that are filled in between their neighbours
 CLOCKS = 1e-3  # by which two clocks may differ in pace, at most
-OFF_SCALE = 0.01  # of a speed sensor's scale that is no other one than the picture's
+OFF_SCALE = 0.01  # of a sensor's scale that is no other one than the picture's: seen 8 degrees beside the axis
+BENT = math.radians(0.03)  # of a film's angles beside a sensor's, that is said
 APART = 5.0  # deviations, by which lamp and motion may tell other shifts
 
 
@@ -95,6 +97,8 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     found = synchronise(footage.seen, seen, reference.times, reference.values)
     scale = found.scale if _off_scale(found, reference) else geometry.scale
     by_position = reference.kind is MotionSource.POSITION
+    if by_position:  # what is not linear beside the sensor is no angle that is known better than that
+        footage = replace(footage, deviations=np.hypot(footage.deviations, found.bend / abs(found.scale)))
     return VideoRecord(
         footage=footage,
         onset=lamp,
@@ -155,9 +159,11 @@ def contradictions(record: VideoRecord) -> Iterator[str]:
         yield "no lamp goes on in the film: its time is told by the motion alone"
     if (found := record.synchronisation) is None:
         return
-    if record.reference is not None and record.reference.kind is not MotionSource.POSITION:
-        kind = record.reference.kind.value
-        yield f"the bag has no position of the joint: film and bag are put together by its {kind}, and the zero is free"
+    assert record.reference is not None
+    if (kind := record.reference.kind) is not MotionSource.POSITION:
+        how = f"film and bag are put together by its {kind.value}, and the zero is free"
+        yield f"the bag has no position of the joint: {how}"
+    yield from _beside_the_axis(record, found, kind)
     if abs(found.rate) > CLOCKS:
         yield (
             f"the film's times run {abs(found.rate):.2%} {'slow' if found.rate > 0.0 else 'fast'} beside the bag's, as "
@@ -169,6 +175,30 @@ def contradictions(record: VideoRecord) -> Iterator[str]:
         if abs(late) > most:
             when = f"{abs(late):.3f} s {'after' if late > 0.0 else 'before'}"
             yield f"the lamp goes on {when} the bag begins, as the motion has it: the time is that of the motion"
+
+
+def _beside_the_axis(record: VideoRecord, found: Synchronisation, kind: MotionSource) -> Iterator[str]:
+    """What speaks for a camera that does not look along the joint's axis: seen from the side by an angle s, angles are
+    up to 1 / cos s times as large, and bend where they are large.
+    """
+    marks = "click four marks on the page of --check if the camera looks from the side"
+    if record.footage.view is not None and record.footage.view.square is not None:
+        return
+    if kind is MotionSource.INPUT:
+        yield f"the film alone tells how large angles are, as if it looked along the axis: {marks}"
+        return
+    off = abs(found.scale - 1.0)
+    if off > OFF_SCALE + 3.0 * float(found.deviations[2]):
+        seen = math.degrees(math.acos(min(found.scale, 1.0 / found.scale)))
+        yield (
+            f"the sensor's angles are {found.scale:.4g} times the film's, as a view from {seen:.0f} degrees beside the "
+            f"axis makes them: the sensor's count; {marks}"
+        )
+    if kind is MotionSource.POSITION and found.bend > BENT:
+        yield (
+            f"the film's angles bend by {math.degrees(found.bend):.2g} degrees, rms, beside the sensor's, as a view "
+            f"from the side, a lens or the sensor makes them, which their deviation holds: {marks}"
+        )
 
 
 def at_rate(record: VideoRecord, rate: float) -> VideoRecord:

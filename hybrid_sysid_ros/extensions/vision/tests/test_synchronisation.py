@@ -40,6 +40,18 @@ def test_shift_rate_scale_and_offset_come_back(seed: int) -> None:
     assert (np.abs(errors) < 5 * found.deviations).all()
 
 
+@pytest.mark.parametrize("side", [0.0, 0.5])
+def test_a_view_from_the_side_bends_the_angles_by_what_is_told(side: float) -> None:
+    """A bar that is looked at from the side by s: tan(seen) = tan(true) / cos(s), about a true angle of .6 rad."""
+    bag, film = _times(0.0, 40.0, 0.005), _times(0.5, 39.0, 1 / 30)
+    noise = 7e-5 * np.random.default_rng(0).standard_normal(len(film))
+    true = 0.6 + _motion(film)
+    seen = np.arctan(np.tan(true) / np.cos(side))
+    bent = np.polynomial.Polynomial.fit(seen, true, 1)(seen) - true
+    found = synchronise(film, seen + noise, bag, 0.6 + _motion(bag))
+    assert found.bend == pytest.approx(np.sqrt(np.mean(bent**2)), rel=0.1, abs=1e-5)
+
+
 def test_film_and_bag_of_two_motions_are_refused() -> None:
     bag, film = _times(0.0, 40.0, 0.005), _times(0.0, 40.0, 1 / 30)
     with pytest.raises(UserError, match="not the bag's"):
