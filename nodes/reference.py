@@ -22,7 +22,7 @@ from hybrid_sysid_ros.nodes.timing import Timeline
 from hybrid_sysid_ros.nodes.validation import StampOrder
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
-from hybrid_sysid_ros.runtime.references import signal_of
+from hybrid_sysid_ros.runtime.references import length_of, signal_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -36,9 +36,7 @@ class Choice:
         """Raises UserError for an unknown kind, and for a multisine without room between its frequencies."""
         self.kind: str = settings["kind"] or rig.reference
         self.signal = signal_of(self.kind, settings, rig)
-        schedule = rig.references.get(self.kind)
-        own = schedule.duration if schedule else 0.0
-        self.duration = round((settings["duration"] or own) * SECOND)
+        self.duration = round((settings["duration"] or length_of(self.kind, rig)) * SECOND)
         """[ns]; 0: no end."""
 
 

@@ -45,7 +45,8 @@ def command(
     reference: Annotated[
         str,
         typer.Option(
-            help="Reference: constant, steps, sine, multisine or one of the rig's; by default the rig's first."
+            help="Reference: constant, steps, sine, multisine, one of the rig's, or a file of signals (.csv); by "
+            "default the rig's first."
         ),
     ] = "",
     seed: Seed = 0,

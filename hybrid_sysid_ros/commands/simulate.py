@@ -8,23 +8,29 @@ from typing import Annotated, Any
 import typer
 
 from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, Seed, console
-from hybrid_sysid_ros.rigs.experiments import simulate_experiment
+from hybrid_sysid_ros.rigs.experiments import duration_of, simulate_experiment
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 
 
 def command(
-    kind: Annotated[str, typer.Argument(help="One of the rig's experiments, such as multisine.")],
+    kind: Annotated[
+        str, typer.Argument(help="One of the rig's experiments, such as multisine, or a file of signals (.csv).")
+    ],
     out: Annotated[Path, typer.Argument(help="Bag to write.")],
     rig: RigName = "",
     seed: Seed = 0,
-    duration: Annotated[float, typer.Option(help="Length of the experiment [s].", min=1.0, max=3600.0)] = 40.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(help="Length of the experiment [s]; 40, or that of a file of signals.", min=1.0, max=3600.0),
+    ] = None,
     rate: Annotated[float, typer.Option(help="Samples per second.", min=1.0)] = 200.0,
     undisturbed: Annotated[bool, typer.Option("--undisturbed", help="Leave out the rig's disturbances.")] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Simulate an experiment on a rig, driven as the real one is, and write its bag."""
     chosen = load_rig(rig)
-    options: dict[str, Any] = {"seed": seed, "duration": duration, "rate": rate}
+    seconds = duration_of(chosen, kind) if duration is None else duration
+    options: dict[str, Any] = {"seed": seed, "duration": seconds, "rate": rate}
     console.print(
         str(simulate_experiment(chosen, kind, out, **options, overwrite=overwrite, disturbed=not undisturbed))
     )

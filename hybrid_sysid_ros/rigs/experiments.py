@@ -14,35 +14,52 @@ from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, mark
 from hybrid_sysid_ros.rigs.feedback import Follower
 from hybrid_sysid_ros.rigs.plant import Measurement, Plant
 from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
+from hybrid_sysid_ros.rigs.signal_file import SUFFIX, driving_columns, is_signal_file, read_signals
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 
 START = 1_000_000_000
 """Stamp of the first sample [ns]: zero means "no time yet" to ROS."""
+USUAL = 40.0
+"""Length of an experiment whose length nothing says [s]."""
 SEEDS = 7919
 """Difference between the seeds of the inputs' excitations."""
 
 
 def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array) -> Array:
-    """The signals of one of a rig's experiments [SI]: those of the inputs, or of their loops' references. For a rig
-    with a feedback they are added to the inputs, and the commands come behind them, (times, inputs + followed).
+    """The signals of one of a rig's experiments, or of a file of signals (.csv), [SI]: those of the inputs, or of
+    their loops' references. For a rig with a feedback they are added to the inputs, and the commands come behind them,
+    (times, inputs + followed).
 
-    Raises UserError for an experiment that the rig lacks.
+    Raises UserError for an experiment that the rig lacks, and a file that does not fit it.
     """
     known = rig.experiments.excitations
-    if name not in known:
-        raise UserError(f"experiment {name!r} is unknown to {rig.file}; choose one of {', '.join(known) or 'none'}")
     feedback = rig.experiments.feedback
     followed = feedback.followed if feedback else ()
     signals = np.zeros((len(times), len(rig.actuators) + len(followed)))
-    for index, chosen in known[name].items():
-        signals[:, index] = chosen.signal(seed=seed + SEEDS * index, duration=duration)(times)
+    if is_signal_file(name):
+        columns = driving_columns(rig)
+        given = read_signals(name, columns)
+        signals[:] = np.stack([given.held(column, times) for column, _ in columns], axis=-1)
+    elif name not in known:
+        raise UserError(
+            f"experiment {name!r} is unknown to {rig.file}; choose one of {', '.join(known) or 'none'}, or a file "
+            f"of signals ({SUFFIX})"
+        )
+    else:
+        for index, chosen in known[name].items():
+            signals[:, index] = chosen.signal(seed=seed + SEEDS * index, duration=duration)(times)
     for index, loop in rig.experiments.loops.items():
         signals[:, index] *= rig.sensors[loop.output].scale
     for column, output in enumerate(followed, start=len(rig.actuators)):
         signals[:, column] *= rig.sensors[output].scale
     return signals
+
+
+def duration_of(rig: Rig, name: str) -> float:
+    """Length of an experiment [s]: of a file of signals its own, else :data:`USUAL`."""
+    return read_signals(name, driving_columns(rig)).duration if is_signal_file(name) else USUAL
 
 
 def driven(plant: Plant, wanted: Array) -> Iterator[Array]:

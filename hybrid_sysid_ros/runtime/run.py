@@ -18,6 +18,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, preflight, processes
 from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, NodeValues, RequestedLoop, join
 from hybrid_sysid_ros.runtime.processes import COMPOSED
+from hybrid_sysid_ros.runtime.references import length_of
 from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
@@ -182,9 +183,10 @@ class Run:
 
     def _expected(self, values: NodeValues) -> float:
         """Expected duration of the run [s]; 0 where it is unknown."""
-        schedule = self._described.references.get(values["reference"]["kind"] or self._described.reference)
-        own = schedule.duration if schedule else 0.0
-        return 0.0 if self.lockstep else values["reference"]["duration"] or own
+        if self.lockstep:
+            return 0.0
+        chosen = values["reference"]["kind"] or self._described.reference
+        return values["reference"]["duration"] or length_of(chosen, self._described)
 
 
 @contextmanager
