@@ -1,4 +1,4 @@
-"""Film cases: forty films by the second renderer, some of which are to be refused, each for its own reason."""
+"""Film cases: 42 films by the second renderer, some of which are to be refused, each for its own reason."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ SOUND = (
     FilmCase(name="drone", sway=6.0, roll=0.4, jitter=0.3, wall="foliage", rate=60.0, seconds=6.0),
     FilmCase(name="nearer than the wall", sway=2.0, roll=0.1, parallax=0.3, wall="office"),
     FilmCase(name="creeping tripod", drift=6.0),
+    FilmCase(name="slow pan", drift=80.0),
+    FilmCase(name="from the side", tilt=12.0),
     FilmCase(name="walkers behind", walkers=2, wall="office"),
     FilmCase(name="walkers before", walkers=1, in_front=True),
     FilmCase(name="even wall", wall="even"),
     FilmCase(name="even wall, dim", wall="even", light=0.35, noise=3.0),
-    FilmCase(name="portrait", width=480, height=854, pivot=(0.5, 0.9), clicked=True),
+    FilmCase(name="portrait", width=480, height=854, pivot=(0.5, 0.9)),
     FilmCase(name="smaller, clicked", pivot=(0.42, 0.36), size=0.7, clicked=True),
     FilmCase(name="HEVC", codec="libx265", crf=26),
     FilmCase(name="motion JPEG", codec="mjpeg", crf=16),

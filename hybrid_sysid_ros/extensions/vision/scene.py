@@ -84,16 +84,18 @@ class Scene:
     marks: tuple[float, ...] = ()
     """x and y of the four corners of a rectangle in the plane of the motion, from the upper left one clockwise, by
     which it is seen squarely; pivot and lamp are where they are seen before that."""
-    rectangle: tuple[float, ...] = (1.0, 1.0)
+    rectangle: tuple[float, ...] = ()
     """Its width and height in any unit."""
 
     def __post_init__(self) -> None:
         if not self.sprite:
             raise UserError("sprite has no patch: nothing would move")
-        if len(self.pivot) != 2 or len(self.rectangle) != 2 or not min(self.rectangle) > 0.0:
-            raise UserError("pivot and rectangle have two numbers each, those of the rectangle above 0")
+        if len(self.pivot) != 2:
+            raise UserError(f"pivot has {len(self.pivot)} numbers: it needs x and y")
         if len(self.marks) not in (0, 8):
             raise UserError(f"marks has {len(self.marks)} numbers: it needs x and y of four corners, or none")
+        if self.marks and not (len(self.rectangle) == 2 and min(self.rectangle) > 0.0):
+            raise UserError("rectangle needs the true width and height of what the marks are the corners of, above 0")
 
 
 def with_scene(rig: Rig, path: Path) -> Rig:

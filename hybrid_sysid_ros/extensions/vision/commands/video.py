@@ -26,6 +26,7 @@ from hybrid_sysid_ros.extensions.vision.reading.footage import Footage, followed
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import joint_reference
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.reading.turning_point import with_turning_point
 from hybrid_sysid_ros.extensions.vision.report.check_page import write_check
 from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import has_scene, scene_of, with_pivot, with_scene
@@ -112,7 +113,7 @@ def command(
         check_file(page, suffix=".html")
     with status.status("looking how the camera moves") as spinner, _named_in_errors(video, bag, layers):
         kept = layers if layers is not None and (layers / f"{KIND}.yaml").exists() and not again else None
-        found, footage = _read(view, described, kept, readout=readout, sized=not pivot, tell=spinner.update)
+        found, footage = _read(view, described, kept, readout=readout, searched=not pivot, tell=spinner.update)
         spinner.update("synchronising")
         record = video_record.joined(footage, found, described, bag, exposure=exposure)
         if layers is not None and kept is None:
@@ -136,16 +137,23 @@ def command(
 
 
 def _read(
-    view: FilmView, rig: Rig, layers: Path | None, *, readout: float, sized: bool, tell: Callable[[str], object]
+    view: FilmView, rig: Rig, layers: Path | None, *, readout: float, searched: bool, tell: Callable[[str], object]
 ) -> tuple[PictureLayers, Footage]:
-    """Layers of a folder, or else learned from the film, and what its pictures say by them."""
+    """Layers of a folder, or else learned from the film, and what its pictures say by them. searched: whether the pivot
+    is looked for, and the size is the scene's.
+    """
     if layers is not None:
         found = PictureLayers.load(layers)
         view = view.steadied(found.background)
     else:
         view = view.steadied()
+        rig, far = with_turning_point(view, rig) if searched else (rig, 0.0)
+        if far:
+            console.print(
+                f"note: what moves turns {far:.0%} of the width beside the scene's pivot: about there it is read"
+            )
         found, _ = learn(
-            picked(view), rig, readout=readout, sized=sized, progress=lambda stage: tell(f"learning: {stage}")
+            picked(view), rig, readout=readout, sized=searched, progress=lambda stage: tell(f"learning: {stage}")
         )
     reader, lamp = AngleReader(found), scene_of(rig).lamp
     return found, followed(view, reader, lamp, progress=lambda count: tell(f"reading: {count} pictures"))

@@ -100,8 +100,10 @@ def test_a_page_is_written_to_click_on(
     assert 'id="clicks"' in (tmp_path / "film.check.html").read_text(encoding="utf-8")
     refused(run(), "--out", "--check")
     refused(run("--out", str(tmp_path / "out"), "--pivot", "middle"), "--pivot middle", "two numbers")
-    (tmp_path / "scene.yaml").write_text("joint: beam\npivot: [0.5, 0.29]\nsprite: [{disc: 0.1}]\nmarks: [1, 2]\n")
-    refused(run("--out", str(tmp_path / "out"), "--scene", str(tmp_path / "scene.yaml")), "scene.yaml", "four corners")
+    scene = tmp_path / "scene.yaml"
+    for marks, words in (("[1, 2]", "four corners"), ("[.1, .1, .2, .1, .2, .2, .1, .2]", "width and height")):
+        scene.write_text(f"joint: beam\npivot: [0.5, 0.29]\nsprite: [{{disc: 0.1}}]\nmarks: {marks}\n")
+        refused(run("--out", str(tmp_path / "out"), "--scene", str(scene)), "scene.yaml", words)
 
 
 def test_four_marks_make_a_view_square() -> None:
