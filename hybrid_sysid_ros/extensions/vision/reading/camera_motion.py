@@ -49,9 +49,15 @@ class CameraMotion:
     """Of a measured place [pixels]."""
     features: NDArray[np.float32]
     """Places (features, 2) that stand still, by which that is known."""
-    width: int
+    reference: Picture
+    """The picture beside which the others lie."""
     displaced: float = 0.0
     """How far nine of ten pictures lie beside the reference at least, where this is of another film [pixels]."""
+
+    @property
+    def width(self) -> int:
+        """Columns of a picture."""
+        return self.reference.shape[1]
 
     @property
     def steady(self) -> bool:
@@ -59,7 +65,9 @@ class CameraMotion:
         return self.shake < max(QUIET * self.width / 640.0, CERTAIN * self.deviation)
 
     def taken_out(self, picture: Picture, number: int) -> Picture:
-        """A picture as the camera would have taken it from where it took the reference; the same where it stands."""
+        """A picture as the camera would have taken it from where it took the reference; the same where it stands. What
+        it does not show is as in the reference, so that it moves with nothing.
+        """
         if self.steady:
             return picture
         import cv2
@@ -67,9 +75,9 @@ class CameraMotion:
         rows, columns = picture.shape
         flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
         pose = self.poses[number]
-        return np.asarray(
-            cv2.warpPerspective(picture, pose, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        )
+        found = self.reference.copy()
+        cv2.warpPerspective(picture, pose, (columns, rows), found, flags=flags, borderMode=cv2.BORDER_TRANSPARENT)
+        return found
 
 
 def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | None = None) -> CameraMotion | None:
@@ -119,7 +127,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
             f"the camera was moved: what stands in it is not seen any more from {_lost_at(film, residuals):.3g} s on: "
             "put it on a tripod, or cut the film there"
         )
-    places = _moved(poses, _looks(reference.shape))
+    places = moved(poses, _looks(reference.shape))
     beside = places - np.median(places, axis=0)
     # features tell a place between them about as well as their mean, at the sides half as well
     deviation = 2.0 * float(np.nanmedian(residuals)) / np.sqrt(len(tracker.features))
@@ -130,7 +138,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
         roll=float(np.std(_rolls(places))),
         deviation=deviation,
         features=tracker.features,
-        width=width,
+        reference=reference,
         displaced=_displaced(places, reference.shape) if background is not None else 0.0,
     )
     if motion.displaced > max(DISPLACED * scale, motion.shake):
@@ -156,7 +164,7 @@ class _Tracker:
 
     def found(self, picture: Picture, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         """Where the features are (features, 2), from a pose on that is near; NaN where they are not found."""
-        near = _moved(pose[None], self.features)[0].astype(np.float32)
+        near = moved(pose[None], self.features)[0].astype(np.float32)
         places, status, _ = self.cv2.calcOpticalFlowPyrLK(
             self.reference, picture, self.features.reshape(-1, 1, 2), near.reshape(-1, 1, 2).copy(),
             winSize=(21, 21), maxLevel=3, criteria=(3, 30, 0.003), flags=self.cv2.OPTFLOW_USE_INITIAL_FLOW,
@@ -195,7 +203,7 @@ class _Tracker:
         kept = kept.ravel() > 0
         if kept.sum() < max(FEWEST / 2, 0.3 * len(self.features)):
             return pose, np.nan
-        far = _moved(pose[None], one[kept])[0] - other[kept]
+        far = moved(pose[None], one[kept])[0] - other[kept]
         return pose, float(np.sqrt(np.mean(far**2)))
 
 
@@ -217,7 +225,7 @@ def _standing(tracker: _Tracker, few: list[Picture], scale: float) -> NDArray[np
     for k in range(len(few)):
         there = np.isfinite(places[k, :, 0])
         pose, _ = tracker.fitted(places[k], there, scale)
-        far = _moved(pose[None], tracker.features)[0] - places[k]
+        far = moved(pose[None], tracker.features)[0] - places[k]
         together[k] = np.hypot(far[:, 0], far[:, 1]) < BESIDE * scale
     found = together.mean(axis=0) > STANDING
     # those of a narrow place may be the joint's own
@@ -265,7 +273,7 @@ def _displaced(places: NDArray[np.float64], shape: tuple[int, ...]) -> float:
     return float(np.quantile(beside, 0.1))
 
 
-def _moved(poses: NDArray[np.float64], places: NDArray[Any]) -> NDArray[np.float64]:
+def moved(poses: NDArray[np.float64], places: NDArray[Any]) -> NDArray[np.float64]:
     """Places (places, 2) by poses (pictures, 3, 3): (pictures, places, 2)."""
     full = np.column_stack([places, np.ones(len(places))])
     there = full @ poses.transpose(0, 2, 1)

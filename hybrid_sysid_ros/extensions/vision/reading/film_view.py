@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.film import pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, motion_of_camera
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, motion_of_camera, moved
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -32,6 +32,17 @@ class FilmView:
         for number, (time, picture) in enumerate(pictures(self.path)):
             seen = picture if self.square is None else squared(picture, self.square)
             yield time, seen if self.motion is None else self.motion.taken_out(seen, number)
+
+    def film_rows(self, column: float, rows: Array) -> Array:
+        """Rows (pictures,) of the film's own pictures, whose time rows of what is seen of them have, in a column."""
+        places = np.column_stack([np.full(len(rows), column), rows])
+        if self.motion is not None and not self.motion.steady:
+            places = np.array(
+                [moved(pose[None], place[None])[0, 0] for pose, place in zip(self.motion.poses, places, strict=True)]
+            )
+        if self.square is not None:
+            places = moved(np.linalg.inv(self.square).astype(np.float64)[None], places)[0]
+        return np.asarray(places[:, 1])
 
     def steadied(self, background: NDArray[np.floating] | None = None) -> FilmView:
         """The same with the camera's motion taken out; see :func:`motion_of_camera`."""

@@ -162,7 +162,7 @@ def followed(
         )
     still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
     angles[still] = np.nan
-    middle = np.nan_to_num([layers.row_time(row) for row in steady.rows])
+    middle = np.nan_to_num([layers.row_time(row) for row in view.film_rows(layers.pivot[0], steady.rows)])
     good = [item for item in shown if item[2].found] or shown
     return Footage(
         times=np.array(times),
