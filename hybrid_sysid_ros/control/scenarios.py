@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ from hybrid_sysid_ros.support.structured import numbers
 NEWTON_STEPS = 30
 STEADY = 1e-9
 """Largest relative change of an iterate that counts as steady."""
+SHARP = 0.03
+"""Rounding of stick-slip, in the speed of a motion, at which bristles deflect as without."""
 
 
 class SteadyMotion(NamedTuple):
@@ -41,10 +44,24 @@ def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> St
     The equations x + d = step(x, u), d = step(x + d, u) - step(x, u) linearised, y_t = output(x, u) and C d = 0 of
     the tracked outputs are solved for states x, inputs u and drift d in the sense of least squares, so that a system
     without a steady motion there gives the nearest. States that nothing moves, such as offsets, stay at 0.
+    Bristles on a slow motion deflect as in the exact form: where it is rounded, the more the slower they slide.
     """
+    wanted = np.asarray(outputs, dtype=float)
+    unknown, found = _steady(system, problem, wanted, np.zeros(2 * len(system.states) + len(system.inputs)))
+    names, declared = [item.name for item in system.states], len(system.declared_states)
+    speeds = [abs(unknown[names.index(item.on)]) for item in system.contacts if item.hidden]
+    rounding = SHARP * min(speeds, default=math.inf)
+    if 0.0 < rounding < problem.smoothing:
+        unknown[declared : len(names)] = 0.0
+        sharp, _ = _steady(system, replace(problem, smoothing=rounding), wanted, unknown)
+        unknown = sharp if np.isfinite(sharp).all() else unknown
+    return SteadyMotion(unknown[: len(names)], found)
+
+
+def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Array) -> tuple[Array, Array]:
+    """[x, u, d] of the four equations, from a first iterate, and C there."""
     tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
-    states, inputs = len(system.states), len(system.inputs)
-    unknown, wanted = np.zeros(2 * states + inputs), np.asarray(outputs, dtype=float)[tracked]
+    states, inputs, wanted = len(system.states), len(system.inputs), outputs[tracked]
     for _ in range(NEWTON_STEPS):
         following, a, b = jacobian_at(
             system, problem, unknown[:states], unknown[states : states + inputs], output=False
@@ -63,7 +80,7 @@ def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> St
         unknown = unknown + change
         if np.max(np.abs(change)) <= STEADY * (1.0 + np.max(np.abs(unknown))):
             break
-    return SteadyMotion(unknown[:states], c)
+    return unknown, c
 
 
 def _unmoved(a: Array, b: Array) -> Array:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.control.scenarios import steady_motion
 from hybrid_sysid_ros.core import one_step, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import build, structure_of
@@ -118,6 +120,36 @@ def test_what_ships_belongs_together(rig, model):
     assert shipped.problem == configuration.mpc_problem(values, rig, model.system)
     assert shipped.certificate is not None
     assert min(shipped.certificate.rates["supervised"]["mixture"][kept] for kept in ("bounds", "cost")) >= 0.99
+
+
+@pytest.mark.parametrize("speed", [3e-4, 0.004, -0.03, 1.0])
+def test_bristles_of_a_slow_motion_deflect_as_far_as_they_bear(model, speed):
+    """z = g(v) / s0, from which closed loops begin: rounded over .05 rad/s it would be .13 rad at .004 rad/s, and the
+    friction 4.6 N m.
+    """
+    values = configuration.defaults("flexible_joint", "controller")
+    problem = configuration.mpc_problem(values, rigs.load("flexible_joint"), model.system).sized(model.system)
+    motion = steady_motion(model.system, problem, np.array([0.0, speed]))
+    named = model.system.named
+    level = named["coulomb"] + named["static_excess"] * np.exp(-((speed / named["stribeck_speed"]) ** 2))
+    assert motion.state[DEFLECTION] == pytest.approx(np.sign(speed) * level / named["bristle_stiffness"], rel=0.01)
+    np.testing.assert_allclose(motion.state[[MOTOR_SPEED, LINK_SPEED]], speed, rtol=1e-6)
+
+
+def test_an_mpc_answers_where_its_quadratic_programs_go_round_in_circles(model):
+    """Bristles that are bent six times beyond what they bear, as an estimator that is far off may have them: the
+    prediction runs away, and the Hessian is 1e12.
+    """
+    values = configuration.defaults("flexible_joint", "controller")
+    problem = configuration.mpc_problem(values, rigs.load("flexible_joint"), model.system).sized(model.system)
+    state = np.array(
+        [-0.017635718200665403, -0.02215158404421145, 0.21172714015154265, 0.015337249730392483, -0.06983414273781507]
+    )
+    preview = np.tile([0.0, -0.007731899781775464], (problem.horizon, 1))
+    mpc = ExactMpc(model.system, problem, tolerance=1e-3)
+    plan = mpc.control(state, np.array([-0.08693327537369319]), np.array([-0.920835903394273]), preview)
+    assert plan.status in (Status.SOLVED, Status.NOT_CONVERGED)
+    assert np.all(np.abs(plan.inputs) <= 2.0)
 
 
 def test_the_shipped_policy_answers_alike_after_many_turns(model):

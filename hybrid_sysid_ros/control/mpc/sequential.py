@@ -86,13 +86,25 @@ def solve(
             progress.residual = last
             return SolverResult(False, done, error)
         _find_hessian(prediction, horizon, program, instance, error, last)
-        if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
+        if not _solve_program(horizon, program):
             return SolverResult(False, 0, error)
         quadratic.keep_working_set(program)
         cost = _search(prediction, horizon, program, instance, cost, made == 0)
         last = error
         progress.steps += 1
         done += 1
+
+
+@inner
+def _solve_program(horizon: Horizon, program: Program) -> bool:
+    """Solve the program, and where the solver goes round in circles once more without curvature, from an empty working
+    set: far from the reference the Hessian can be so steep that its inverse is rounding alone.
+    """
+    if quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
+        return True
+    quadratic.clear_working_set(program)
+    condense(horizon, program)
+    return quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES)  # type: ignore[no-any-return]
 
 
 @inner
