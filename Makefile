@@ -27,6 +27,8 @@ demo: .venv/ros $(if $(TRAINED),.venv/train) $(if $(FILMED),.venv/video)
 
 # Hundreds of processes of the tests import the package: its bytecode is kept, whatever the environment says.
 test test-slow: export PYTHONDONTWRITEBYTECODE :=
+# Two workers on few cores: threads of linear algebra that spin slow each other down.
+test test-slow: export OMP_NUM_THREADS := 1
 
 test: .venv/ros .venv/dev .venv/train
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m 'not slow'

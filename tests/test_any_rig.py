@@ -41,7 +41,7 @@ def simulated(system, x0, inputs, *, noise, seed, name, step=0.005):
     return Record(name=name, time=np.arange(len(inputs)) * step, input=inputs, output=outputs)
 
 
-def held(seed, sizes, *, samples=4001, hold=80):
+def held(seed, sizes, *, samples=2401, hold=80):
     levels = np.random.default_rng(seed).uniform(-1.0, 1.0, (samples // hold + 1, len(sizes)))
     return np.ascontiguousarray((levels * sizes).repeat(hold, axis=0)[:samples])
 
@@ -137,10 +137,8 @@ def joint(press):
 def swings():
     """The link of a flexible joint, driven by steps of torque."""
     return [
-        simulated(
-            FlexibleJoint(), np.zeros(4), held(seed, [1.5], hold=40), noise=0.002, seed=seed, name=f"joint {seed}"
-        )
-        for seed in (0, 1)
+        simulated(FlexibleJoint(), np.zeros(4), torque, noise=0.002, seed=seed, name=f"joint {seed}")
+        for seed, torque in enumerate(held(seed, [1.5], samples=4001, hold=40) for seed in (0, 1))
     ]
 
 

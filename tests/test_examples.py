@@ -15,7 +15,7 @@ import hybrid_sysid_ros as hs
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
 PAGE = ROOT / "docs" / "python.md"
-LONG = {"policy", "trust"}
+LONG = {"control", "own_rig", "policy", "trust"}
 """Notebooks that `make test-slow` runs."""
 NEEDS_TORCH = "skip-execution"
 """Tag of the cells that the documentation shows without running them."""
@@ -82,6 +82,7 @@ hs.export(model, "out")
 """
 
 
+@pytest.mark.slow
 def test_the_whole_way_is_ten_lines(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     pytest.importorskip("plotly")

@@ -397,6 +397,7 @@ def a_hundred_nodes() -> None:
     context.try_shutdown()
 
 
+@pytest.mark.slow
 def test_a_hundred_nodes_one_after_the_other_leave_nothing_behind(domain: int) -> None:
     """In a process of their own: beside another node the middleware keeps some 100 kB of every node, also of one that
     rclpy alone makes, and what earlier tests left in this process moves its memory by more than that.

@@ -256,6 +256,7 @@ def test_a_session_tells_what_keeps_a_node_from_starting(domain: int, tmp_path: 
         Run(domain=233).go()
 
 
+@pytest.mark.slow
 def test_a_session_says_where_the_bag_of_a_killed_recorder_is(domain: int, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
 
@@ -329,6 +330,7 @@ def test_what_a_killed_node_has_said_before_is_not_the_reason(domain: int) -> No
             session.wait_for("ready", ["plant"], TIMEOUT)
 
 
+@pytest.mark.slow
 def test_a_short_reference_may_end_before_a_late_node_is_ready(domain: int) -> None:
     """The plant starts once its own readers are there, a view may take longer."""
     late = "import time; time.sleep(1); print('ready', flush=True); time.sleep(60)"
@@ -339,6 +341,7 @@ def test_a_short_reference_may_end_before_a_late_node_is_ready(domain: int) -> N
         session.wait_for_end(["reference"], lambda seconds: None)
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_again_and_again_is_given_up(domain: int) -> None:
     def kill(seconds: float, duration: float) -> None:
         if found := _process("reference", domain):

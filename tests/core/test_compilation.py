@@ -90,6 +90,7 @@ def test_a_second_process_compiles_nothing(cache, first):
     assert run(cache) == (0, first[1])
 
 
+@pytest.mark.slow
 def test_numba_s_own_compiler_makes_the_same_digits(cache, first):
     passes, numbers = run(cache, without="numba.compiler")
     assert passes > 50  # what was compiled in the other way is not taken for it
@@ -166,6 +167,7 @@ def test_a_printed_source_that_is_damaged_is_printed_again(root):
         assert printed_file(path.parent, "one = 1.0\n").read_text() == "one = 1.0\n"
 
 
+@pytest.mark.slow
 def test_processes_that_start_at_once_agree(tmp_path):
     environment = {**os.environ, "HYBRID_SYSID_CACHE": str(tmp_path)}
     running = [

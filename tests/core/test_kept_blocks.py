@@ -48,6 +48,7 @@ def errors(cache: Path, *units: int) -> list[float]:
     return [float(line) for line in found.stdout.split()]
 
 
+@pytest.mark.slow
 def test_networks_that_two_processes_compiled_are_told_apart_in_a_third(tmp_path):
     kept = [*errors(tmp_path, 3), *errors(tmp_path, 5), *errors(tmp_path, 3, 5), *errors(tmp_path, 5, 3)]
     assert max(kept) < 1e-7

@@ -54,6 +54,7 @@ def test_a_protocol_of_the_shipped_bags_is_printed_written_and_its_pick_saved(co
     assert set(load(model).fit["choice"]["structures"]) == {"linear", "stribeck"}
 
 
+@pytest.mark.slow
 def test_an_interrupted_protocol_writes_what_is_finished_and_goes_on_from_there(command, tmp_path, monkeypatch):
     results, page, model = (tmp_path / name for name in ("results.json", "page.html", "model"))
     arguments = ["protocol", "1", BAGS, "--jobs", "1", "--json", results, "--report", page, "--out", model]

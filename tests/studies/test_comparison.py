@@ -283,6 +283,7 @@ def workers_of_this_process():
     return [int(pid) for pids in listed for pid in pids if b"popen_loky" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
+@pytest.mark.slow
 def test_a_structure_whose_process_is_killed_once_is_fitted_again(linear_records, rig, tmp_path):
     slow = Slow("stribeck")
     slow.started = tmp_path / "begun"

@@ -142,6 +142,7 @@ def test_a_folder_without_records_gets_one_line(tmp_path):
         lecture.read_folder(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_author_s_folder_holds_both_protocols(author_records):
     """His .mat files are found in the folder or in bab below it, and read as they are."""
     assert sorted(item.name for item in author_records) == sorted([*MULTISINES, *STEPS, SWEPT])
