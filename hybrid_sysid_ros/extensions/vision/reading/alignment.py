@@ -142,9 +142,9 @@ def _weight(size: float, limit: float) -> float:
 
 @inner
 def _clustered(scores: Array) -> float:
-    """Variance of the sum of scores (blocks,): the largest of those by which one, two or four blocks go together."""
+    """Variance of the sum of scores (blocks,): the largest of those by which one to eight blocks go together."""
     most = 0.0
-    for merged in (1, 2, 4):
+    for merged in (1, 2, 4, 8):
         total, groups = 0.0, 0
         for first in range(0, scores.shape[0], merged):
             score = 0.0

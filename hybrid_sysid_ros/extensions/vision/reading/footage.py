@@ -17,7 +17,7 @@ from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
 from hybrid_sysid_ros.extensions.vision.reading.learning import FEWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
-from hybrid_sysid_ros.extensions.vision.reading.steadiness import steady_angles
+from hybrid_sysid_ros.extensions.vision.reading.steadiness import GAP, steady_angles
 from hybrid_sysid_ros.extensions.vision.scene import Lamp
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -30,7 +30,6 @@ LOOKS, APART = 16, 10
 FROZEN, JUMP = 3, 1.0
 """Pictures in a row that are the same to the last bit, and pixels of the sprite's end: a camera that hangs."""
 PLAIN = 12  # counts, by which the pixels of a picture differ at least that shows something: a film's black is not 0
-GAP = 1.5  # times as far apart as most are pictures between which one is missing
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
@@ -146,7 +145,7 @@ def followed(
     lost = float(np.isnan(angles).mean())
     if np.median([item[1].mean() for item in shown]) < LIT * layers.background.mean():
         raise UserError(f"{view.path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
-    steady = steady_angles(rows, free, view.motion, layers)
+    steady = steady_angles(np.array(times), rows, free, view.motion, layers)
     for first in range(0, max(len(sceneries) - LOOKS // 2, 1), LOOKS // 2):
         stands = reader.standing(sceneries[first : first + LOOKS])
         if stands < STANDS:

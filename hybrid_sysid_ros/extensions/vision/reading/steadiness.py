@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import FreeReading, Reading
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
@@ -17,10 +18,10 @@ ENOUGH = 20  # pictures
 OUTLIER = 5.0  # deviations
 WANDERS = 0.12  # pixels of 640: a pivot that moves less, rms, stands
 LEAVES = 3.0  # pixels of 640: one that moves more, the camera's motion taken out, is no pivot
-ROLLED = 0.6  # of what the pivot still moves by from picture to picture, that what stands is uncertain by in its roll
 LAYERS = 1.2  # times as large are errors as the pictures alone say, as learned layers have their own
+ORDER = 10  # of the differences that show what is new in each picture
+GAP = 1.5  # times as far apart as most are pictures between which one is missing
 CHI_SQUARE = 0.455  # median, of one degree of freedom
-LEVER = 0.3  # of the width: the distance over which what stands tells how the camera rolls
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,13 +37,15 @@ class SteadyAngles:
 
 
 def steady_angles(
-    rows: Sequence[Reading], free: Sequence[FreeReading], motion: CameraMotion | None, layers: PictureLayers
-) -> SteadyAngles:
-    """The angles of pictures out of which a camera's motion was taken.
+    times: Array, rows: Sequence[Reading], free: Sequence[FreeReading], motion: CameraMotion | None,
+    layers: PictureLayers,
+) -> SteadyAngles:  # fmt: skip
+    """The angles of pictures at times (pictures,) [s] out of which a camera's motion was taken.
 
     Where the pivot stands they are those about it. Where it moves with the camera they are those that no place of the
     sprite changes, and what stands must have told how the camera rolls. The deviation has what the two kinds of angles
-    differ by beyond their own deviations, and what the camera's motion is uncertain by.
+    differ by beyond their own deviations, and what the camera's motion is uncertain by; it is no less than what angles
+    scatter by from picture to picture, as a codec moves what a picture shows as a whole, which no residual tells.
 
     Raises UserError where the pivot moves and nothing tells how the camera does.
     """
@@ -65,11 +68,34 @@ def steady_angles(
     chosen = freely if moves else about
     common = 0.0 if moves or not known.any() else _apart(about[known], freely[known])
     if motion is not None:
-        uncertain = max(motion.deviation, ROLLED * unsteady) if moves else min(motion.shake, motion.deviation)
-        common += (uncertain / (LEVER * motion.width)) ** 2
+        # the pivot tells how uncertain the place is in truth, and the roll is as much more so
+        more = max(unsteady / max(motion.deviation, 1e-9), 1.0) if moves else 1.0
+        common += (more * motion.roll_deviation if moves else min(motion.roll, motion.roll_deviation)) ** 2
     angles = np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan)
-    deviations = LAYERS * np.sqrt(chosen[:, 1] ** 2 + common)
+    own = (LAYERS * chosen[:, 1]) ** 2 + common
+    deviations = np.sqrt(np.maximum(own, scatter(times, angles, turns=layers.full_turn) ** 2))
     return SteadyAngles(angles=angles, deviations=deviations, rows=chosen[:, 2])
+
+
+def scatter(times: Array, angles: Array, *, turns: bool = False) -> float:
+    """Standard deviation of what is new in each of the angles (pictures,) at times [s], by their divided differences of
+    a high order, in which a motion well below half the pictures' rate has no part; their median, so that no jump has
+    any; 0 where too few follow one another. turns: whether angles go round.
+    """
+    known = np.isfinite(angles)
+    when, seen = times[known], np.unwrap(angles[known]) if turns else angles[known]
+    if len(when) < ENOUGH + ORDER:
+        return 0.0
+    windows = sliding_window_view(when, ORDER + 1)
+    together = np.diff(windows, axis=1).max(axis=1) < GAP * float(np.median(np.diff(when)))
+    if together.sum() < ENOUGH:
+        return 0.0
+    apart = windows[:, :, None] - windows[:, None, :]
+    apart = apart / np.abs(apart).max(axis=(1, 2), keepdims=True) + np.eye(ORDER + 1)
+    weights = 1.0 / apart.prod(axis=2)
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    new = (weights * sliding_window_view(seen, ORDER + 1)).sum(axis=1)[together]
+    return float(np.median(np.abs(new))) / 0.6745
 
 
 def _apart(about: Array, free: Array) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,10 +17,12 @@ from hybrid_sysid_ros.support.extras import extra
 COLUMNS = 320  # of the pictures that are compared
 SMOOTHED = 1.5  # pixels of these: deviation of the Gaussian window, within which brightness is linear in the place
 PAIRS = 400  # at most
-CHANGED = 4.0  # times its noise that a pixel must change
+SPACING = 0.02  # s between them: in a shorter time little turns
+CHANGED = 4.0  # times its noise that a pixel must change,
+AGAIN = 0.1  # in this share of the pairs: what turns comes over its places again and again, who walks by comes once
 FEWEST_PIXELS, FEWEST_PAIRS = 40, 12
 LARGEST_TURN = 0.03  # rad between two pictures: brightness is not linear over more of the sprite's way
-CAUCHY = 2.385  # deviations, at which a pixel has half its weight: 95 % efficient (Holland and Welsch 1977)
+BISQUARE = 4.685  # deviations; see alignment.py
 ROUNDS = 4
 ELSEWHERE = 0.04  # widths: a pivot that is nearer is found from the scene's on; first angles bear about as much
 OUTSIDE = 0.5  # widths beside the picture, beyond which something passes and does not turn
@@ -59,38 +63,61 @@ def _normals(view: FilmView) -> NDArray[np.float64]:
     with extra("video"):
         import cv2
     times = np.array([time for time, _ in view.pictures()])
-    apart = max(round(0.02 / max(float(np.median(np.diff(times))), 1e-9)), 1) if len(times) > 1 else 1
+    apart = max(round(SPACING / max(float(np.median(np.diff(times))), 1e-9)), 1) if len(times) > 1 else 1
     every = max(len(times) // PAIRS, 1)
-    found, kept = [], list[Picture]()
+    found, kept, often = list[_Change](), list[Picture](), np.zeros((1, 1))
     for number, (_, picture) in enumerate(view.pictures()):
-        rows, columns = picture.shape
-        size = (COLUMNS, round(COLUMNS * rows / columns))
+        size = (COLUMNS, round(COLUMNS * picture.shape[0] / picture.shape[1]))
         small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         kept.append(np.asarray(cv2.GaussianBlur(small, (0, 0), SMOOTHED)))
         if len(kept) > apart:
             before = kept.pop(0)
-            if number % every == 0 and (normal := _normal(before, kept[-1])) is not None:
-                found.append(normal)
-    return np.array(found)
+            if number % every == 0:
+                found.append(_change(before, kept[-1]))
+                often = often + found[-1].where
+    again = often > AGAIN * len(found)
+    normals = [_normal(change, again) for change in found]
+    return np.array([normal for normal in normals if normal is not None])
 
 
-def _normal(before: Picture, after: Picture) -> Array | None:
-    """Of one pair (3, 4); None where too little changes, or it turns too far."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Change:
+    """How brightness changes from one picture to another, where it does."""
+
+    where: NDArray[np.bool_]
+    """Pixels (rows, columns)."""
+    slopes: NDArray[np.float32]
+    """Of the change with d, d p_x and d p_y (pixels, 3)."""
+    left: NDArray[np.float32]
+    """The change (pixels,) [counts]."""
+    noise: float
+
+
+def _change(before: Picture, after: Picture) -> _Change:
     change, mean = after - before, 0.5 * (after + before)
     noise = max(float(np.median(np.abs(change))) / 0.6745, 0.2)
-    y, x = np.nonzero(np.abs(change) > CHANGED * noise)
-    if len(x) < FEWEST_PIXELS:
-        return None
+    where = np.abs(change) > CHANGED * noise
+    y, x = np.nonzero(where)
     by_y, by_x = np.gradient(mean)
-    gx, gy, left = by_x[y, x] * COLUMNS, by_y[y, x] * COLUMNS, -change[y, x]
-    slopes = np.column_stack([gy * (x + 0.5) / COLUMNS - gx * (y + 0.5) / COLUMNS, -gy, gx]).astype(np.float64)
-    weights = np.ones(len(x))
+    gx, gy = by_x[y, x] * COLUMNS, by_y[y, x] * COLUMNS
+    slopes = np.column_stack([gy * (x + 0.5) / COLUMNS - gx * (y + 0.5) / COLUMNS, -gy, gx]).astype(np.float32)
+    left = -change[y, x].astype(np.float32)
+    return _Change(where=where, slopes=slopes, left=left, noise=noise)
+
+
+def _normal(change: _Change, again: NDArray[np.bool_]) -> Array | None:
+    """Of one pair (3, 4), by pixels that change again and again; None where these are few, or it turns too far."""
+    used = again[change.where]
+    if used.sum() < FEWEST_PIXELS:
+        return None
+    slopes, left = change.slopes[used].astype(np.float64), change.left[used].astype(np.float64)
+    weights = np.ones(len(left))
     for _ in range(ROUNDS):
         normal = (weights[:, None] * slopes).T @ np.column_stack([slopes, left])
         turn = np.linalg.lstsq(normal[:, :3], normal[:, 3], rcond=1e-12)[0]
         size = np.abs(left - slopes @ turn)
-        scale = max(float(np.median(size)) / 0.6745, noise)
-        weights = 1.0 / (1.0 + (size / (CAUCHY * scale)) ** 2)
+        scale = max(float(np.median(size)) / 0.6745, change.noise)
+        weights = np.maximum(1.0 - (size / (BISQUARE * scale)) ** 2, 0.0) ** 2
     return normal / scale**2 if abs(turn[0]) < LARGEST_TURN else None
 
 

@@ -1,0 +1,29 @@
+"""What angles scatter by from picture to picture is told without what the joint does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.extensions.vision.reading.steadiness import scatter
+from hybrid_sysid_ros.support.arrays import Array
+
+NOISE = 1e-4  # rad
+
+
+@pytest.mark.parametrize("irregular", [0.0, 0.2])
+@pytest.mark.parametrize("turns", [False, True])
+def test_scatter_is_the_noise_and_not_the_motion(irregular: float, turns: bool) -> None:
+    """A phone's pictures are not at even times; a motion of 2 Hz is much larger than the noise."""
+    random = np.random.default_rng(0)
+    times: Array = (np.arange(600) + irregular * random.uniform(-0.5, 0.5, 600)) / 30.0
+    angles = 0.1 * np.sin(2.0 * np.pi * 2.0 * times) + NOISE * random.standard_normal(600)
+    if turns:
+        angles = (angles + 3.0 * times) % (2.0 * np.pi)
+    angles[100:103] = np.nan
+    assert scatter(times, angles, turns=turns) == pytest.approx(NOISE, rel=0.15)
+
+
+def test_few_pictures_have_no_scatter() -> None:
+    few: Array = np.arange(12, dtype=np.float64)
+    assert scatter(few, 0.0 * few) == 0.0
