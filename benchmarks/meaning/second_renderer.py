@@ -29,8 +29,6 @@ from hybrid_sysid_ros.support.arrays import Array
 
 Image = NDArray[Any]
 Points = list[tuple[float, float]]
-FINE = 2
-"""Drawn pixels along one of the film's."""
 INSTANTS = 4
 """Of an exposure."""
 GAMMA = 2.2
@@ -110,7 +108,7 @@ class SecondRenderer:
         """Times [s] (n,) and angles [rad] (n,) of the joint; reach: of its sprite [widths]."""
         self.case, self.times, self.angles = case, times, angles
         self.random = np.random.default_rng(case.seed)
-        self.size = case.width * FINE
+        self.size = case.width
         self.reach = reach * case.size
         sprite = list(self._sprite())
         ends = np.cumsum([0, *(len(corners) for corners, _ in sprite)]).tolist()
@@ -145,7 +143,7 @@ class SecondRenderer:
     def picture(self, number: int, time: float) -> Image:
         """One of them."""
         case, pose = self.case, self.poses[number]
-        whole = (case.width * FINE, case.height * FINE)
+        whole = (case.width, case.height)
         offset = (MARGIN - 1.0) / 2 * self.size
         shift = np.array([[1.0, 0.0, -offset], [0.0, 1.0, -offset], [0.0, 0.0, 1.0]])
         still = cv2.warpPerspective(self.wall, pose[0] @ shift, whole, flags=cv2.INTER_LINEAR)
@@ -171,18 +169,17 @@ class SecondRenderer:
             total = cv2.LUT(drawn, LINEAR)
         if self.maps is not None:
             total = cv2.remap(total, *self.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        small: Image = cv2.resize(total, (case.width, case.height), interpolation=cv2.INTER_AREA)
-        small = np.clip(case.light * small, 0.0, 1.0)
+        small: Image = np.clip(case.light * total, 0.0, 1.0)
         counts = self.grey[(4095.0 * small).astype(np.int32)]
         grain: Image = self.random.standard_normal(small.shape, np.float32)
         counts = counts + case.noise * (0.5 + small).astype(np.float32) * grain
         return np.clip(counts + 0.5, 0.0, 255.0).astype(np.uint8)
 
     def _poses(self) -> list[tuple[Image, Image]]:
-        """Homographies of wall and rig, in drawn pixels: a camera that pans, tilts and rolls about its own place."""
+        """Homographies of wall and rig, in pixels: a camera that pans, tilts and rolls about its own place."""
         case, n = self.case, self.count
         time = np.arange(n) / case.rate
-        pixel = case.width / 640.0 * FINE
+        pixel = case.width / 640.0
         moves = case.jitter * self.random.standard_normal((n, 2))
         rolls = np.zeros(n)
         for axis in range(2):
@@ -192,7 +189,7 @@ class SecondRenderer:
                 rolls += case.roll * math.sqrt(2 / 12) * np.sin(2 * math.pi * 0.7 * hertz * time + 2.0 * phase)
         moves[:, 0] += case.drift * time / max(time[-1], 1e-9)
         focal = FOCAL * self.size
-        camera = np.array([[focal, 0.0, self.size / 2], [0.0, focal, case.height * FINE / 2], [0.0, 0.0, 1.0]])
+        camera = np.array([[focal, 0.0, self.size / 2], [0.0, focal, case.height / 2], [0.0, 0.0, 1.0]])
         found = []
         for move, roll in zip(moves * pixel, np.radians(rolls + case.turned), strict=True):
             angles = np.array([-move[1] / focal, move[0] / focal + math.radians(case.tilt), roll])
@@ -201,7 +198,7 @@ class SecondRenderer:
                 turn = turn @ cv2.Rodrigues(np.eye(3)[axis] * angles[axis])[0]
             wall = camera @ turn @ np.linalg.inv(camera)
             if case.tilt:  # and steps aside, so that what it looked at stays in the middle
-                middle = np.array([self.size / 2, case.height * FINE / 2, 1.0])
+                middle = np.array([self.size / 2, case.height / 2, 1.0])
                 there = wall @ middle
                 back = middle - there / there[2]
                 wall = np.array([[1.0, 0.0, back[0]], [0.0, 1.0, back[1]], [0.0, 0.0, 1.0]]) @ wall
@@ -213,7 +210,7 @@ class SecondRenderer:
     def _wall(self) -> Image:
         """What stands, larger than the picture by MARGIN."""
         case = self.case
-        rows, columns = round(case.height * FINE + (MARGIN - 1) * self.size), round(MARGIN * self.size)
+        rows, columns = round(case.height + (MARGIN - 1) * self.size), round(MARGIN * self.size)
         found: Image = np.full((rows, columns), 255.0 * case.dark, dtype=np.float32)
         if case.wall == "even":
             return np.clip(found * (1.0 - 0.1 * np.linspace(-1, 1, columns) ** 2), 0, 255).astype(np.uint8)
@@ -227,17 +224,17 @@ class SecondRenderer:
             for y in range(0, rows, high):
                 for x in range(-((y // high) % 2) * wide // 2, columns, wide):
                     shade = float(self.random.uniform(-14, 14))
-                    found[y + 3 : y + high, max(x + 3, 0) : max(x + wide, 0)] += shade + 10.0
+                    found[y + 2 : y + high, max(x + 2, 0) : max(x + wide, 0)] += shade + 10.0
         if case.wall == "office":
             for _ in range(40):
                 left, top = int(self.random.integers(0, columns)), int(self.random.integers(0, rows))
                 wide, high = self.random.integers(self.size // 40, self.size // 6, 2).tolist()
                 found[top : top + high, left : left + wide] = float(self.random.uniform(20, 190))
-        return cv2.GaussianBlur(np.clip(found, 0, 255).astype(np.uint8), (0, 0), 1.0)
+        return cv2.GaussianBlur(np.clip(found, 0, 255).astype(np.uint8), (0, 0), 0.7)
 
     def _lens_maps(self) -> tuple[Image, Image]:
         """Where a picture with radial distortion looks in one without."""
-        rows, columns = self.case.height * FINE, self.size
+        rows, columns = self.case.height, self.size
         y, x = np.mgrid[:rows, :columns].astype(np.float32)
         x, y = (x - columns / 2) / (columns / 2), (y - rows / 2) / (columns / 2)
         factor = 1.0 + self.case.lens * (x**2 + y**2)
@@ -271,7 +268,7 @@ class SecondRenderer:
     def _places(self, moment: float, pose: Image) -> Image:
         """Corners of the sprite at a moment (corners, 2); each is where it is while its row is exposed."""
         case, (u, v) = self.case, self.corners
-        angle, rows = self.angle(np.full(len(u), moment)), case.height * FINE
+        angle, rows = self.angle(np.full(len(u), moment)), case.height
         for _ in range(3 if case.readout else 1):
             c, s = np.cos(angle), -np.sin(angle)
             x, y = case.pivot[0] * self.size + u * c - v * s, case.pivot[1] * self.size + u * s + v * c
@@ -297,7 +294,7 @@ class SecondRenderer:
         canvas = RendererAgg(*picture.shape[::-1], 72)  # type: ignore[call-arg]
         _fill(canvas, [points[first:last] + np.array([0.012, 0.016]) * self.size], 1.0)
         cover = np.asarray(canvas.buffer_rgba())[..., 3] // 3
-        cover = cv2.blur(cover, (7, 7))
+        cover = cv2.blur(cover, (5, 5))
         cv2.multiply(picture, 255 - cover, dst=picture, scale=1.0 / 255.0)
 
     def _walk(self, picture: Image, time: float, pose: Image, *, before: bool) -> None:
