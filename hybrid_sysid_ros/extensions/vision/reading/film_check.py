@@ -14,6 +14,7 @@ from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import picked
 from hybrid_sysid_ros.extensions.vision.reading.learning import NARROWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
+from hybrid_sysid_ros.extensions.vision.reading.turning_point import turning_point
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -28,6 +29,7 @@ MOVES = 6.0  # times the noise by which a pixel changes that the joint comes ove
 LITTLE = 2e-4  # share of the pixels that such pixels are at least
 SMEARED = 6.0  # pixels of 640 in an exposure
 SHAKES = 0.3  # pixels of 640, rms
+UNSURE = 0.02  # widths: by which two halves of a film differ in the place about which it turns
 OBLIQUE = 0.02  # relative difference of opposite sides of the marks
 
 
@@ -54,6 +56,8 @@ class FilmCheck:
     """Pixels that something comes over."""
     features: NDArray[np.float32]
     """Places (features, 2) that stand still, by which the camera's motion is measured."""
+    pivot: Array | None = None
+    """Place (2,) about which something turns [widths]; None where none is found."""
 
 
 def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmCheck:
@@ -84,11 +88,14 @@ def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmC
     noise = max(float(np.median(np.abs(film[::5].astype(np.float32) - median))) / 0.6745, 0.7)
     spread = np.percentile(film[:, ::2, ::2], 95, axis=0) - np.percentile(film[:, ::2, ::2], 5, axis=0)
     moving = np.kron(spread > MOVES * noise, np.ones((2, 2), dtype=bool))[: median.shape[0], : median.shape[1]]
-    findings += [*_joint(film, median, moving, noise), *_blur(steadied, moving, changes, exposure), _square(marks)]
+    turns = turning_point(steadied)
+    findings += [*_joint(film, median, moving, noise), *_blur(steadied, moving, changes, exposure)]
+    findings += [_pivot(turns, median.shape[1]), _square(marks)]
     motion = steadied.motion
     return FilmCheck(
         findings=tuple(findings), picture=median, moving=moving,
         features=motion.features if motion is not None else np.zeros((0, 2), dtype=np.float32),
+        pivot=turns[0] if turns is not None else None,
     )  # fmt: skip
 
 
@@ -186,6 +193,18 @@ def _blur(view: FilmView, moving: NDArray[np.bool_], changes: list[float], expos
     yield Finding(
         what="exposure", found=f"up to {moved:.2g} pixels from one picture to the next, {smear:.2g} in {exposure:g} s",
         advice="a shorter exposure, with more light" if smeared else "",
+    )  # fmt: skip
+
+
+def _pivot(turns: tuple[Array, Array] | None, columns: int) -> Finding:
+    if turns is None:
+        advice = "the scene's pivot is used: say where it is (--pivot X,Y), or click it"
+        return Finding(what="pivot", found="unknown: too little turns", advice=advice)
+    (x, y), apart = turns[0] * columns - 0.5, float(np.hypot(*turns[1])) * columns
+    unsure = apart > UNSURE * columns
+    return Finding(
+        what="pivot", found=f"turns about {x:.0f},{y:.0f} pixels; halves of the film differ by {apart:.1f}",
+        advice="say where it is (--pivot X,Y), or click it" if unsure else "",
     )  # fmt: skip
 
 

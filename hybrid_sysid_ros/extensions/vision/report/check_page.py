@@ -18,6 +18,8 @@ def write_check(path: Path, check: FilmCheck, video: Path, rig: Rig, provenance:
 
     (rows, columns), scene = check.picture.shape, scene_of(rig) if has_scene(rig) else None
     pivot = scene.pivot if scene is not None else (0.5, 0.5 * rows / columns)
+    if check.pivot is not None:
+        pivot = tuple(check.pivot.tolist())
     content = {
         "title": f"{rig.name}: {video.name}",
         "findings": check.findings,
