@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,70 +22,43 @@ SETTLING, AFTER = 2.0, 1.0
 
 
 class Rehearsal:
-    """A loop of a rig, of which each fault is tried on a fresh one."""
+    """A loop of a rig, of which each fault is tried on a fresh one.
+
+    tolerance: of the tracking error's rms over WINDOW (p,) [SI], from a loop without a fault.
+    """
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
         self.loop = loop_of(rig)
         self.estimator, self.period = self.loop.estimator, 1.0 / defaults(rig, "estimator")["rate"]
         self.tracked = np.array(defaults(rig, "controller")["output_weight"]) > 0.0
-        self.learned = math.ceil(min(1.0 / MOVING[rig.name]["frequency"], LONGEST_LOOK) / WINDOW) * WINDOW
-        self.before = SETTLING + self.learned
+        self.turn = 1.0 / MOVING[rig.name]["frequency"]
         scales = np.array([display.scale for display in rig.display])
-        amplitude, turns = MOVING[rig.name]["amplitude"], 2.0 * math.pi * MOVING[rig.name]["frequency"]
-        self._peaks, self._turns = scales * amplitude * self.tracked, turns
+        self._peaks = scales * MOVING[rig.name]["amplitude"] * self.tracked
         names = [item.name for item in rig.system.states]
         self._at = [(k, names.index(item.name)) for k, item in enumerate(rig.system.outputs) if item.name in names]
+        count = math.ceil(min(self.turn, LONGEST_LOOK) / WINDOW)
+        sound = SETTLING + count * WINDOW
+        errors = [error for _, _, error in self._course(Fault(), sound, sound, seed=0)]
+        usual = np.max([self._rms(errors, SETTLING + k * WINDOW) for k in range(count)], axis=0)
+        noise = np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
+        self.tolerance = np.where(self.tracked, ROOM * np.maximum(usual, noise), math.inf)
 
     def reference(self, times: Array) -> Array:
         """(times, p) [SI]."""
-        return np.sin(self._turns * np.asarray(times))[..., None] * self._peaks
+        return np.sin(2.0 * math.pi / self.turn * np.asarray(times))[..., None] * self._peaks
 
-    def tried(self, fault: Fault, *, seed: int = 0) -> dict[str, Any]:
-        """What the loop did."""
-        rig, loop, estimator, period = self.rig, self.loop, self.estimator, self.period
-        plant = Plant(rig, seed=seed, bias=rig.bias)
-        estimator.begin()
-        loop.begin()
-        steps, random = rig.steps(period, "the period"), np.random.default_rng(seed)
-        reads = fault.reads() if fault.reads else None
-        acts = fault.acts() if fault.acts else None
-        applied, told = loop.input.copy(), loop.input.copy()
-        errors: list[Array] = []
-        low, high = rig.limits
-        found: dict[str, Any] = {
-            "state": "",
-            "after": math.inf,
-            "left": math.inf,
-            "restrained": math.inf,
-            "most": 0.0,
-            "reason": "",
-        }
-        tripped = ""
-        for k in range(round((self.before + LASTING + AFTER + WINDOW) / period)):
-            time = k * period
-            since = time - self.before
-            moment = Moment(since, k - round(self.before / period), random)
-            wrong = 0.0 <= since < LASTING
-            readings = plant.sensed().copy()
-            errors.append((self.reference(np.array([time]))[0] - plant.outputs()) * self.tracked)
-            if wrong and reads is not None:
-                readings = reads(moment, readings)
-            estimate = estimator.update(time, readings, told)
-            now = time + loop.lead
-            command = loop.control(
-                estimate, told, self.reference(np.array([now]))[0], self.reference(now + loop.times), period
-            )
-            told = bounded(rig, command)
-            applied = told.copy()
-            if wrong and acts is not None:
-                applied = np.clip(acts(moment, applied), low, high)
-                told = applied.copy() if fault.told else told
-            for _ in range(steps):
-                plant.advance(applied)
+    def tried(self, fault: Fault, *, phase: float = 0.0, seed: int = 0) -> dict[str, Any]:
+        """What the loop did. phase: share of the reference's period by which the fault begins later."""
+        loop, begin = self.loop, SETTLING + phase * min(self.turn, LONGEST_LOOK)
+        found: dict[str, Any] = {"state": "", "reason": "", "false": "", "most": 0.0}
+        found |= dict.fromkeys(("after", "left", "restrained"), math.inf)
+        errors = list[Array]()
+        for since, plant, error in self._course(fault, begin, begin + LASTING + AFTER + WINDOW, seed=seed):
+            errors.append(error)
             level = loop.level
             if since < 0.0 and level is not LoopState.DRIVING:
-                tripped = level.word
+                found["false"] = level.word
             if since >= 0.0:
                 if level is not LoopState.DRIVING and not found["state"]:
                     found |= {"state": level.word, "after": since, "reason": loop.guard.reason}
@@ -92,21 +66,46 @@ class Rehearsal:
                     found["restrained"] = min(found["restrained"], since)
                 found["most"] = max(found["most"], *loop.guard.evidence.values())
                 found["left"] = min(found["left"], since) if self._is_out(plant) else found["left"]
-        rows, count = np.array(errors), round(WINDOW / period)
-
-        def rms(begin: float) -> Array:
-            return np.sqrt(np.mean(rows[round(begin / period) :][:count] ** 2, axis=0))
-
-        usual = np.max([rms(SETTLING + j * WINDOW) for j in range(round(self.learned / WINDOW))], axis=0)
-        noise = np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
-        tolerance = np.where(self.tracked, ROOM * np.maximum(usual, noise), math.inf)
-        during = np.max(np.abs(rows[round(self.before / period) : round((self.before + LASTING) / period)]), axis=0)
-        found["during"] = float(np.max(during / tolerance))
-        found["error"] = float(np.max(rms(self.before + LASTING + AFTER) / tolerance))
+        during = np.abs(errors[round(begin / self.period) : round((begin + LASTING) / self.period)])
+        found["during"] = float(np.max(during / self.tolerance))
+        found["error"] = float(np.max(self._rms(errors, begin + LASTING + AFTER) / self.tolerance))
         found["kept"] = min(found["restrained"], LASTING + AFTER) <= found["left"]
-        found["false"] = tripped
         found["short"] = not found["kept"] or not found["error"] <= 1.0
         return found
+
+    def _rms(self, errors: list[Array], begin: float) -> Array:
+        """Of the errors, over WINDOW from then on [s]: (p,)."""
+        window = errors[round(begin / self.period) :][: round(WINDOW / self.period)]
+        return np.sqrt(np.mean(np.square(window), axis=0))
+
+    def _course(self, fault: Fault, begin: float, seconds: float, *, seed: int) -> Iterator[tuple[float, Plant, Array]]:
+        """Time since the fault began [s], the plant, and the tracking error (p,) before it, sample by sample."""
+        rig, loop, period = self.rig, self.loop, self.period
+        plant, random = Plant(rig, seed=seed, bias=rig.bias), np.random.default_rng(seed)
+        self.estimator.begin()
+        loop.begin()
+        steps, (low, high) = rig.steps(period, "the period"), rig.limits
+        reads = fault.reads() if fault.reads else None
+        acts = fault.acts() if fault.acts else None
+        told = loop.input.copy()
+        first, count = round(begin / period), round(LASTING / period)
+        for k in range(round(seconds / period)):
+            time, number = k * period, k - first
+            wrong, moment = 0 <= number < count, Moment(number * period, number, random)
+            readings = plant.sensed().copy()
+            error = (self.reference(np.array([time]))[0] - plant.outputs()) * self.tracked
+            if wrong and reads is not None:
+                readings = reads(moment, readings)
+            estimate = self.estimator.update(time, readings, told)
+            now = time + loop.lead
+            references = self.reference(np.array([now]))[0], self.reference(now + loop.times)
+            applied = told = bounded(rig, loop.control(estimate, told, *references, period))
+            if wrong and acts is not None:
+                applied = np.clip(acts(moment, applied.copy()), low, high)
+                told = applied.copy() if fault.told else told
+            for _ in range(steps):
+                plant.advance(applied)
+            yield moment.since, plant, error
 
     def _is_out(self, plant: Plant) -> bool:
         outputs = plant.outputs()
