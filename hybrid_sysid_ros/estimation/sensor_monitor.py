@@ -21,13 +21,10 @@ AVERAGE, LONG_AVERAGE = 0.1, 0.4
 """Time constants [s] of the mean squares that are compared with the largest and with the least that is plausible."""
 LASTING = 2.0
 """Weight of the longer mean square: a load or a reversal that the model does not know is soon over."""
-AGREES = 0.5
-"""Share of the largest mean square within which a sensor that was left out agrees with the estimate again."""
-TRIAL = 3.0
-"""Time [s] after which a sensor that is left out is tried again, for the estimate without it may have gone astray. One
-that still lies then spoils the estimate, so that it is not tried often."""
 MISSING = 2.0
 """Evidence that a sensor gives which shows nothing, where the others do not tell the state."""
+AGREES = 0.5
+"""Share of the largest mean square within which a sensor that was left out agrees with the estimate again."""
 BLAMELESS = 10.0
 """Time [s] for which the other sensors must have been beyond doubt before one is left out: where two contradict the
 model at once, it is more likely that the model or an actuator is wrong."""
@@ -91,7 +88,7 @@ class SensorMonitor:
     Evidence against a sensor is r = max(m / largest, LASTING M / largest, least / M), of the mean squares m over
     AVERAGE and M over LONG_AVERAGE, and its suspicion grows as :class:`~.suspicion.Suspicion` says. A sensor under
     suspicion for ``leave_after`` is left out where the others tell the state and were beyond doubt themselves, and
-    comes back when it has agreed with the estimate for as long.
+    comes back when it has agreed with the estimate for as long, or by :meth:`readmit`.
 
     left_out: which sensors are left out now (outputs,). counts: how often each was.
     """
@@ -119,7 +116,7 @@ class SensorMonitor:
         self._largest, self._least = list(largest), least
         self._leave_after, self._timeout = leave_after, timeout
         self._suspicion = [Suspicion(2.0 * leave_after) for _ in noise]
-        self._silent, self._blamed, self._out = [0.0] * count, [BLAMELESS] * count, [0.0] * count
+        self._silent, self._blamed = [0.0] * count, [BLAMELESS] * count
         self.renew()
         self.evidence = [0.0] * count
         """r of each sensor that is used."""
@@ -144,19 +141,17 @@ class SensorMonitor:
             self._silent[k] = self._silent[k] + elapsed if math.isnan(reading) else 0.0
             self._blamed[k] += elapsed
             if out:
-                self._readmit(k, reading, math.nan if expected is None else float(expected[k]), elapsed)
+                self._compare(k, reading, math.nan if expected is None else float(expected[k]), elapsed)
             else:
                 self.evidence[k] = r = self._evidence(k, float(normalised[k]), elapsed)
                 if self._suspicion[k].add(r, elapsed) > 0.0 and r > 1.0:
                     self._blamed[k] = 0.0
         if any(self.left_out) and self._is_vain():
-            for k, out in enumerate(self.left_out):
-                if out:
-                    self._admit(k)
+            self.readmit()
         worst = max(range(len(self.evidence)), key=lambda k: self._suspicion[k].seconds if self._spare[k] else -1.0)
         if self._suspicion[worst].seconds >= self._leave_after and self._may_leave(worst):
-            self.left_out[worst], self._out[worst], self.evidence[worst] = True, 0.0, 0.0
-            self._mean[worst], self._long[worst] = CLEAREST * self._largest[worst], 1.0
+            self.left_out[worst], self.evidence[worst] = True, 0.0
+            self._mean[worst] = CLEAREST * self._largest[worst]
             self.counts[worst] += 1
 
     def _evidence(self, k: int, square: float, elapsed: float) -> float:
@@ -171,18 +166,24 @@ class SensorMonitor:
         small = self._least / self._long[k] if self._long[k] > 0.0 else CLEAREST * (self._least > 0.0)
         return max(large, small)
 
-    def _readmit(self, k: int, reading: float, expected: float, elapsed: float) -> None:
-        """Let a sensor back that agrees with the estimate, or whose time has come to be tried."""
+    def _compare(self, k: int, reading: float, expected: float, elapsed: float) -> None:
+        """Let a sensor back that agrees with the estimate."""
         square = min(((reading - expected) / self._noise[k]) ** 2, CLEAREST * self._largest[k])
-        self._out[k] += elapsed
         if math.isfinite(square):
             self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
         agrees = math.isfinite(square) and self._mean[k] < AGREES * self._largest[k]
-        if self._suspicion[k].add(0.0 if agrees else CLEAREST, elapsed) == 0.0 or self._out[k] > TRIAL:
+        if self._suspicion[k].add(0.0 if agrees else CLEAREST, elapsed) == 0.0:
             self._admit(k)
 
+    def readmit(self) -> None:
+        """Use all sensors again."""
+        for k, out in enumerate(self.left_out):
+            if out:
+                self._admit(k)
+
     def _admit(self, k: int) -> None:
-        self.left_out[k], self._mean[k], self._suspicion[k].seconds = False, 1.0, 0.0
+        self.left_out[k], self._suspicion[k].seconds = False, 0.0
+        self._mean[k], self._long[k], self._large[k] = 1.0, 1.0, 0.0
 
     def _is_vain(self) -> bool:
         """Whether a sensor that is used contradicts the model as long as it may: then it was wrong to leave another one
