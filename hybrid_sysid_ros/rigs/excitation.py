@@ -24,6 +24,11 @@ def constant(*, level: float, begin: float = 0.0) -> Reference:
     return lambda t: np.where(np.asarray(t, dtype=float) >= begin, float(level), 0.0)
 
 
+def ramp(*, first: float, level: float, duration: float) -> Reference:
+    """A line from ``first`` to ``level`` over the duration [s]; the level is held from then on."""
+    return lambda t: first + (level - first) * np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0)
+
+
 def sine(*, amplitude: float, frequency: float) -> Reference:
     """A sine with a frequency [Hz]."""
     return lambda t: amplitude * np.sin(2.0 * np.pi * frequency * np.asarray(t, dtype=float))
@@ -143,6 +148,7 @@ KINDS: Mapping[str, Callable[..., Reference]] = {
     function.__name__: function
     for function in (
         constant,
+        ramp,
         sine,
         multisine,
         random_steps,
@@ -158,8 +164,8 @@ LEAST = {
     "lines": 1,
 }
 """Least values of a kind's numbers."""
-ONE_SIDED = ("constant", "pulses", "pulse_train")
-"""Kinds that go from 0 to one level."""
+ONE_SIDED = ("constant", "ramp", "pulses", "pulse_train")
+"""Kinds that go from 0 to one level, or from one level to another."""
 GIVEN = ("seed", "duration", "period")
 """Numbers that the caller of a signal gives; the period of a multisine is its duration by default."""
 
@@ -192,10 +198,12 @@ class Excitation:
 
     def beyond(self, low: float, high: float) -> str:
         """Words for the part of the signal beyond limits; where limits are on one side of 0, the other is ignored."""
-        name = "level" if "level" in self.numbers else "amplitude"
-        value, most = self.numbers[name], (min if low < 0.0 < high else max)(-low, high)
-        within = low <= value <= high if self.kind in ONE_SIDED else abs(value) <= most
-        return "" if within else f"{name} {value:g}"
+        most = (min if low < 0.0 < high else max)(-low, high)
+        for name in ("first", "level", "amplitude"):
+            value = self.numbers.get(name, 0.0)
+            if not (low <= value <= high if self.kind in ONE_SIDED else abs(value) <= most) and name in self.numbers:
+                return f"{name} {value:g}"
+        return ""
 
     @property
     def endless(self) -> bool:

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.rigs.signal_file import driving_columns, output_columns, w
 from hybrid_sysid_ros.runtime.references import length_of, signal_of
 from hybrid_sysid_ros.support.errors import UserError
 
-TIMES = np.arange(5) * 0.5
+TIMES = np.arange(5, dtype=np.float64) * 0.5
 
 
 def written(path: Path, *columns: tuple[str, str], peak: float = 4.0) -> str:

@@ -11,7 +11,7 @@ of a regression is: errors of n independent stretches to which p numbers were fi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -76,7 +76,9 @@ class Band:
 
 
 def band_calibration(system: System, experiments: Sequence[PreparedRecord], known: Uncertainty) -> dict[str, Any]:
-    """Offset, and by output floor, gain and widths by level, as plain data; empty where a run diverges."""
+    """Offset, and by output floor, gain, widths by level and the errors' correlation time in samples, as plain data;
+    empty where a run diverges.
+    """
     runs = [_runs(system, item, known, OFFSETS) for item in experiments]
     if not all(np.isfinite(nominal).all() for nominal, _, _ in runs):
         return {}
@@ -95,7 +97,8 @@ def band_calibration(system: System, experiments: Sequence[PreparedRecord], know
             own = errors[:, column]
             score, found = _best(own, moved[k][:, column] + drawn[:, column])
             widths = {level: value * wider[column] for level, value in found["widths"].items()}
-            chosen[item.name] = {**found, "widths": widths}
+            correlation = correlation_time([part[:, column] for part in signed])
+            chosen[item.name] = {**found, "widths": widths, "correlation": correlation}
             total += score / max(float(np.sqrt(np.mean(own**2))), 1e-300)
         if total < least:
             best, least = {"offset": share, "outputs": chosen}, total
@@ -184,26 +187,29 @@ def _runs(
     for share in offsets:
         sides = [run(system, experiment.inputs + side * share * known.spans) for side in (-1.0, 1.0)]
         moved.append(0.5 * (square(sides[0]) + square(sides[1])))
-    drawn = [square(run(changed, experiment.inputs)) for changed in _drawn(system, known)]
+    drawn = [square(run(changed, experiment.inputs)) for changed in drawn_systems(system, known)]
     return nominal, moved, np.mean(drawn, axis=0) if drawn else np.zeros_like(nominal)
 
 
-def _drawn(system: System, known: Uncertainty) -> list[System]:
-    """Systems with numbers drawn from their covariance, two that mirror each other."""
+def drawn_systems(system: System, known: Uncertainty, count: int = DRAWS) -> list[System]:
+    """Systems with numbers drawn from their covariance, an even number, of which two mirror each other."""
     if not len(known.names) or not np.any(known.covariance):
         return []
     values, vectors = np.linalg.eigh(known.covariance)
-    draw = vectors @ (np.sqrt(np.maximum(values, 0.0)) * np.random.default_rng(0).normal(size=len(values)))
+    random, roots = np.random.default_rng(0), np.sqrt(np.maximum(values, 0.0))
     places = {item.name: i for i, item in enumerate(system.parameters)}
-    found = []
-    for side in np.linspace(-1.0, 1.0, DRAWS):
-        numbers, weights = system.values, system.weights.copy()
-        for name, change in zip(known.names, side * draw, strict=True):
-            if name in places:
-                item = system.parameters[places[name]]
-                numbers[places[name]] = np.clip(numbers[places[name]] + change, item.low, item.high)
-            elif name.startswith("weight_") and int(name.removeprefix("weight_")) < len(weights):
-                weights[int(name.removeprefix("weight_"))] += change
-        changed = system.with_values(numbers)
-        found.append(changed.with_weights(weights) if len(weights) else changed)
-    return found
+    draws = [vectors @ (roots * random.normal(size=len(values))) for _ in range(count // 2)]
+    return [_moved(system, places, known.names, side * draw) for draw in draws for side in (-1.0, 1.0)]
+
+
+def _moved(system: System, places: Mapping[str, int], names: Sequence[str], changes: Array) -> System:
+    """A system whose numbers are changed, within their bounds."""
+    numbers, weights = system.values, system.weights.copy()
+    for name, change in zip(names, changes, strict=True):
+        if name in places:
+            item = system.parameters[places[name]]
+            numbers[places[name]] = np.clip(numbers[places[name]] + change, item.low, item.high)
+        elif name.startswith("weight_") and int(name.removeprefix("weight_")) < len(weights):
+            weights[int(name.removeprefix("weight_"))] += change
+    changed = system.with_values(numbers)
+    return changed.with_weights(weights) if len(weights) else changed

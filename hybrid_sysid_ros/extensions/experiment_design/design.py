@@ -1,0 +1,94 @@
+"""A designed experiment: what drives the rig, and what it will tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
+from hybrid_sysid_ros.extensions.experiment_design.search import Bench, exchanged
+from hybrid_sysid_ros.extensions.experiment_design.segments import PlanSegment
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+POINTS = 3
+"""Systems at which the information is taken, the model and two draws that mirror each other: at a corner of dry
+friction a derivative at one point alone promises what is not there.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Design:
+    """An experiment for a model, and what it is worth."""
+
+    bench: Bench
+    plan: Sequence[Sequence[PlanSegment]]
+    """Segments of each input."""
+    driving: Array
+    """What drives each input at each step, (steps, inputs) in SI."""
+    inputs: Array
+    """What the inputs do by the model, (steps, inputs)."""
+    outputs: Array
+    """What the outputs do by the model, (steps + 1, outputs)."""
+    names: tuple[str, ...]
+    before: Array
+    """Standard deviations of the free numbers now, in their units, (free,)."""
+    after: Array
+    """What is expected after the experiment, (free,)."""
+
+
+def targets_of(model: Model, parameters: Sequence[str]) -> list[int]:
+    """Places of parameters among a model's free numbers; all with a meaning where none is named.
+
+    Raises UserError for a parameter that is unknown or was not fitted.
+    """
+    physical = {item.name for item in model.system.parameters if not item.learned}
+    known = [name for name in model.names if name in physical]
+    for name in parameters:
+        if name not in known:
+            raise UserError(f"parameter {name!r} is no fitted one of this model; it has {', '.join(known) or 'none'}")
+    return [model.names.index(name) for name in parameters or known]
+
+
+def designed(
+    model: Model, rig: Rig, *, seconds: float, period: float, amplitude: float = 0.9, parameters: Sequence[str] = (),
+    seed: int = 0, progress: Callable[[int, int], None] = lambda done, most: None,
+) -> Design:  # fmt: skip
+    """The experiment that makes the largest relative deviation of parameters small (of all, or the named ones).
+
+    seconds: its length. period: from one sample of the drive to the next [s]. amplitude: share of the limits that is
+    used. Raises UserError where the model does not fit this, see :class:`~.search.Bench`.
+    """
+    bench = Bench(model=model, rig=rig, seconds=seconds, period=period, amplitude=amplitude)
+    knowledge, wanted = Knowledge.of(model), targets_of(model, parameters)
+    fisher = Fisher.of(model, rig, knowledge.sizes)
+
+    def criterion(systems: Sequence[System], inputs: Array) -> float:
+        pairs = list(zip(systems, inputs, strict=True))[:POINTS]
+        found = [fisher.information(system, given) for system, given in pairs]
+        return float(np.mean([worst_of(knowledge, more, wanted) for more in found]))
+
+    plan = exchanged(bench, criterion, seed=seed, progress=progress)
+    driving = bench.driving(plan)
+    inputs, outputs = bench.run(bench.systems[0], driving)
+    return Design(
+        bench=bench, plan=plan, driving=driving, inputs=inputs, outputs=outputs, names=model.names,
+        before=knowledge.deviations(), after=expected(bench, fisher, knowledge, driving),
+    )  # fmt: skip
+
+
+def worst_of(knowledge: Knowledge, more: Array, wanted: Sequence[int]) -> float:
+    """The criterion: the logarithm of the largest relative variance of the wanted numbers after more information."""
+    return float(np.log(np.max(np.square((knowledge.deviations(more) / knowledge.sizes)[list(wanted)]))))
+
+
+def expected(bench: Bench, fisher: Fisher, knowledge: Knowledge, driving: Array) -> Array:
+    """Deviations after an experiment, (free,): the root of the mean variance over the POINTS."""
+    runs = [(system, bench.run(system, driving)[0]) for system in bench.systems[:POINTS]]
+    found = [knowledge.deviations(fisher.information(system, inputs)) for system, inputs in runs]
+    return np.asarray(np.sqrt(np.mean(np.square(found), axis=0)))

@@ -1,0 +1,10 @@
+"""What this extension adds."""
+
+from hybrid_sysid_ros.support.extensions import Extension
+
+HERE = "hybrid_sysid_ros.extensions.experiment_design"
+EXTENSION = Extension(
+    name="experiment_design",
+    summary="The next experiment, by what a model does not know yet.",
+    commands={"design": (f"{HERE}.commands.design", "Design the next experiment, and say what one has shown.")},
+)

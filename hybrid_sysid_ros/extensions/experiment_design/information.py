@@ -1,0 +1,130 @@
+"""Information: what an experiment tells of a model's parameters, by the sensitivities of its outputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Sensitivities, System
+from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+LEAST_KNOWN = 1e3
+"""Sizes of a number within which it counts as known beforehand where nothing else is."""
+MOST = 300
+"""Free numbers of a model whose experiments are designed: more are weights without a meaning."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Knowledge:
+    """What is known of a model's free numbers."""
+
+    names: tuple[str, ...]
+    sizes: Array
+    """By which deviations are counted: the larger one of a parameter's value and its declared scale, (free,)."""
+    information: Array
+    """In numbers that are counted in their sizes, (free, free)."""
+
+    @classmethod
+    def of(cls, model: Model) -> Knowledge:
+        """That of a fitted model: the inverse of its covariance; where that says nothing, a declared prior, or next to
+        nothing. Raises UserError for a model without free numbers, or with too many.
+        """
+        if not 0 < len(model.names) <= MOST:
+            raise UserError(
+                f"{model.structure} of {model.rig} has {len(model.names)} free numbers; an experiment is designed for "
+                f"1 to {MOST}: identify a gray box (--structure gray)"
+            )
+        declared, values = {item.name: item for item in model.system.parameters}, model.system.named
+        sizes, spreads = np.ones(len(model.names)), np.full(len(model.names), np.inf)
+        for k, name in enumerate(model.names):
+            if name in declared:
+                sizes[k] = max(abs(values[name]), declared[name].scale)
+                spreads[k] = declared[name].spread or np.inf
+        covariance = model.covariance / np.outer(sizes, sizes)
+        known = np.diag(covariance) > 0.0
+        information = np.diag(LEAST_KNOWN**-2 + np.where(known, 0.0, (sizes / spreads) ** 2))
+        block = np.ix_(known, known)
+        information[block] += np.linalg.pinv(covariance[block], rcond=1e-12, hermitian=True)
+        return cls(names=model.names, sizes=sizes, information=information)
+
+    def deviations(self, more: Array | None = None) -> Array:
+        """Standard deviations of the numbers in their units, also after further information, (free,)."""
+        total = self.information if more is None else self.information + more
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(total))) * self.sizes)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fisher:
+    """The Fisher information of experiments about a system's numbers.
+
+        M = sum_k S_k' R^-1 S_k,   S_k = d y_k / d theta,
+
+    with R the noise of outputs: Goodwin & Payne (1977), Dynamic System Identification, chapter 6.
+    """
+
+    sensitivities: Sensitivities
+    sampling: Sampling
+    sizes: Array
+    weight: Array
+    """1 / (variance of an independent reading) of each output at the scored samples, (outputs,)."""
+
+    @classmethod
+    def of(cls, model: Model, rig: Rig, sizes: Array) -> Fisher:
+        """That of a model on a rig, whose sensors and training errors give the noise."""
+        places = {item.name: i for i, item in enumerate(model.system.parameters)}
+        free = [places[name] for name in model.names if name in places]
+        sensitivities = Sensitivities(model.system, parameters=free, states=[])
+        return cls(
+            sensitivities=sensitivities, sampling=model.sampling, sizes=sizes, weight=1.0 / noise_of(model, rig) ** 2
+        )
+
+    def information(self, system: System, inputs: Array) -> Array:
+        """M of a run from rest, in numbers that are counted in their sizes, (free, free). inputs (steps, inputs)."""
+        tangents = self.tangents(system, inputs)
+        scaled = tangents * np.sqrt(self.weight)[:, None] * self.sizes
+        rows = scaled.reshape(-1, scaled.shape[2])
+        return np.asarray(rows.T @ rows)
+
+    def tangents(self, system: System, inputs: Array) -> Array:
+        """Derivatives of the outputs by the numbers, (samples, outputs, free); 0 where a run diverges."""
+        samples = len(inputs) // self.sampling.every + 1
+        out = np.empty((samples, len(system.outputs), self.sensitivities.count))
+        starts, first = run_of(system, samples)
+        with np.errstate(all="ignore"):
+            self.sensitivities.rollouts(
+                system, starts, first, inputs, step=self.sampling.step, every=self.sampling.every, out=out
+            )
+        return out if np.isfinite(out).all() else np.zeros_like(out)
+
+
+def run_of(system: System, samples: int) -> tuple[NDArray[np.int64], Array]:
+    """Starts and first states of one rollout from rest."""
+    return np.array([[0, 0, samples, 0]], dtype=np.int64), np.zeros((1, len(system.states)))
+
+
+def noise_of(model: Model, rig: Rig) -> Array:
+    """Noise of each output at scored samples, as a standard deviation of independent ones, (outputs,) in SI: that of a
+    model's training errors, of which a correlation time is one observation, and at least what the sensor has.
+
+    Where a model does not have the correlation time, what its errors have beyond the sensor's noise counts as slow, a
+    stretch of CORRELATION_SECONDS as one observation.
+    """
+    found, bands = [], model.fit.get("bands", {}).get("outputs", {})
+    for item, sensor in zip(model.system.outputs, rig.sensors, strict=True):
+        errors = [scores.get("outputs", {item.name: scores})[item.name]["rmse"] for scores in model.scores.values()]
+        whole = float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
+        white = abs(sensor.scale) * sensor.floor
+        if samples := bands.get(item.name, {}).get("correlation"):
+            found.append(max(white, whole * np.sqrt(float(samples))))
+            continue
+        slow = max(whole**2 - white**2, 0.0) * max(CORRELATION_SECONDS / model.sampling.period, 1.0)
+        found.append(np.sqrt(white**2 + slow))
+    if not np.all(np.array(found) > 0.0):
+        raise UserError(f"{rig.file}: neither sensors nor training errors say how noisy an output is; declare sensors")
+    return np.array(found)

@@ -1,0 +1,182 @@
+"""The search for an experiment: a model in its rig's limits, whose excitation is exchanged piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.extensions.experiment_design.information import run_of
+from hybrid_sysid_ros.extensions.experiment_design.looped import looped
+from hybrid_sysid_ros.extensions.experiment_design.segments import REST, PlanSegment, SegmentLibrary, joined
+from hybrid_sysid_ros.identification.validation.bands import Uncertainty, drawn_systems
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+DRAWS = 6
+"""Systems drawn from what the model does not know, in which an experiment must stay within limits, too."""
+STEPS = 24_000_000
+"""Steps of an experiment in all trials of a search, of which there are between FEWEST and MOST."""
+FEWEST, MOST = 300, 2000
+PIECE, PIECES = 5.0, (4, 24)
+"""Length of a segment [s], and the least and most of them."""
+TRIED = 8
+"""Segments that are tried in one place before the search goes on to the next."""
+
+DesignCriterion = Callable[[Sequence[System], Array], float]
+"""Of systems and inputs (steps, inputs); the search makes it small."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bench:
+    """A model's simulation in its rig's limits, driven as the rig's experiments are."""
+
+    model: Model
+    rig: Rig
+    seconds: float
+    period: float
+    """From one sample of the drive to the next [s]."""
+    amplitude: float
+    """Share of the actuators' range, and of the reach of a loop's output, that is used."""
+    systems: Sequence[System] = field(init=False)
+    """The model, and what it could be as well."""
+
+    def __post_init__(self) -> None:
+        """Raises UserError for an unstable rig, and one whose feedback follows commands."""
+        if self.rig.experiments.stabiliser is not None or self.rig.experiments.feedback is not None:
+            raise UserError(
+                f"{self.rig.name} is driven by a feedback or a stabiliser, under which no experiment is designed: "
+                "write the commands by hand (experiments in rig.yaml)"
+            )
+        known = Uncertainty(
+            names=self.model.names, covariance=self.model.covariance, spans=np.zeros(len(self.model.system.inputs))
+        )
+        plain = [self.model.system, *drawn_systems(self.model.system, known, DRAWS)]
+        object.__setattr__(self, "systems", plain)
+
+    @property
+    def sampling(self) -> Sampling:
+        return self.model.sampling
+
+    @property
+    def steps(self) -> int:
+        """Integration steps of the experiment, a multiple of those of a scored period."""
+        return round(self.seconds / self.sampling.period) * self.sampling.every
+
+    @property
+    def spans(self) -> tuple[Array, Array]:
+        """Middle and half of what each input, or its loop's reference, may do, (inputs,) each, in SI."""
+        ends = np.array(self.rig.limits).T.copy()
+        reach = self.rig.reach.T
+        for index, loop in self.rig.experiments.loops.items():
+            ends[index] = reach[loop.output]
+            if not np.isfinite(ends[index]).all():
+                numbers = [item[index].numbers for item in self.rig.experiments.excitations.values() if index in item]
+                most = max((abs(n.get("amplitude", n.get("level", 0.0))) for n in numbers), default=0.0)
+                if not most:
+                    raise UserError(
+                        f"{self.rig.file}: the reference of a loop has no limits: declare travel of "
+                        f"{self.rig.system.outputs[loop.output].name}, or an excitation of it"
+                    )
+                ends[index] = np.array([-1.0, 1.0]) * most * abs(self.rig.sensors[loop.output].scale)
+        both = (ends[:, 0] < 0.0) & (ends[:, 1] > 0.0)
+        middle = np.where(both, 0.0, ends.mean(axis=1))
+        half = np.where(both, np.abs(ends).min(axis=1), 0.5 * np.ptp(ends, axis=1))
+        return middle, self.amplitude * half
+
+    def driving(self, plan: Sequence[Sequence[PlanSegment]]) -> Array:
+        """Samples of what drives each input at each step, (steps, inputs) in SI; each holds for a ``period``."""
+        times = np.arange(self.steps) * self.sampling.step
+        held = np.floor(times / self.period + 1e-6) * self.period
+        middle, half = self.spans
+        shares = np.stack([joined(row, held, self.seconds / len(row)) for row in plan], axis=1)
+        return self._at_their_rates(middle + half * shares)
+
+    def _at_their_rates(self, driving: Array) -> Array:
+        """What actuators with a rate make of commands."""
+        for index, actuator in enumerate(self.rig.actuators):
+            if np.isfinite(actuator.rate) and index not in self.rig.experiments.loops:
+                value = actuator.rest
+                for k, wanted in enumerate(driving[:, index].tolist()):
+                    value = actuator.reached(wanted, value, self.sampling.step)
+                    driving[k, index] = value
+        return driving
+
+    def run(self, system: System, driving: Array) -> tuple[Array, Array]:
+        """Inputs (steps, inputs) and outputs (steps + 1, outputs) of a system from rest."""
+        closed = looped(system, self.rig) if self.rig.experiments.loops else None
+        used = closed or system
+        starts, first = run_of(used, len(driving) + 1)
+        with np.errstate(all="ignore"):
+            states, outputs = rollouts(used, starts, first, driving, step=self.sampling.step)
+        if closed is None:
+            return driving, outputs
+        found = closed.inputs_of(states[:-1], driving)
+        for index, delay in enumerate(system.input_delays.tolist()):  # inputs act after their delays
+            late = round(delay / self.sampling.step)
+            found[:, index] = np.concatenate([found[late:, index], np.repeat(found[-1:, index], late)])
+        return np.nan_to_num(found), outputs
+
+    def within(self, outputs: Array) -> bool:
+        """Whether outputs stay within the rig's travel and what its equations are valid for."""
+        low, high = self.rig.reach
+        return bool(np.isfinite(outputs).all() and (outputs >= low).all() and (outputs <= high).all())
+
+    def feasible(self, driving: Array, systems: Sequence[System] | None = None) -> float:
+        """Share of the systems that stay within limits."""
+        used = self.systems if systems is None else systems
+        return float(np.mean([self.within(self.run(system, driving)[1]) for system in used]))
+
+
+def exchanged(
+    bench: Bench,
+    criterion: DesignCriterion,
+    *,
+    seed: int,
+    progress: Callable[[int, int], None] = lambda done, most: None,
+) -> list[list[PlanSegment]]:
+    """Segments of each input, from the coordinate-exchange algorithm of Meyer & Nachtsheim (1995), Technometrics 37(1):
+    one segment after another is exchanged for another one that makes the criterion smaller, over and over, beginning at
+    rest; from the second round on half of the trials are near the segment in place.
+
+    Raises UserError where even an experiment at rest leaves the limits, and where nothing is feasible.
+    """
+    low, high = PIECES
+    count = int(np.clip(round(bench.seconds / PIECE), low, high))
+    random = np.random.default_rng(seed)
+    fastest = 0.1 / max(bench.period, bench.sampling.step)
+    library = SegmentLibrary(length=bench.seconds / count, fastest=fastest, random=random)
+    plan = [[REST] * count for _ in bench.rig.actuators]
+    least, budget = _value(bench, criterion, plan), int(np.clip(STEPS / bench.steps, FEWEST, MOST))
+    if not np.isfinite(least):
+        raise UserError(f"{bench.rig.name} leaves its travel in the model's simulation at rest; design a shorter one")
+    done, round_number = 0, 0
+    while done < budget:
+        for place in random.permutation(count * len(plan)).tolist():
+            row, at = divmod(place, count)
+            for _ in range(TRIED):
+                near = round_number and random.random() < 0.5
+                trial = [list(item) for item in plan]
+                trial[row][at] = library.changed(plan[row][at]) if near else library.drawn()
+                value = _value(bench, criterion, trial)
+                if value < least:
+                    plan, least = trial, value
+            done += TRIED
+            progress(min(done, budget), budget)
+            if done >= budget:
+                break
+        round_number += 1
+    return plan
+
+
+def _value(bench: Bench, criterion: DesignCriterion, plan: Sequence[Sequence[PlanSegment]]) -> float:
+    """The criterion of a plan; infinite where some system leaves the limits."""
+    driving = bench.driving(plan)
+    runs = [bench.run(system, driving) for system in bench.systems]
+    if not all(bench.within(outputs) for _, outputs in runs):
+        return np.inf
+    return criterion(bench.systems, np.stack([inputs for inputs, _ in runs]))

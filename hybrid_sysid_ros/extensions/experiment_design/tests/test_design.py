@@ -1,0 +1,146 @@
+"""Information in closed form, the best inputs of a first-order lag, and an experiment within its limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded
+from hybrid_sysid_ros.extensions.experiment_design import search
+from hybrid_sysid_ros.extensions.experiment_design.design import designed, expected
+from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
+from hybrid_sysid_ros.extensions.experiment_design.plan_folder import SIGNALS, save_plan
+from hybrid_sysid_ros.extensions.experiment_design.search import Bench
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs.drivers import ExperimentLoop, Experiments
+from hybrid_sysid_ros.rigs.experiments import excitation
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.support.errors import UserError
+from tests.rigs.toys import rig_of
+
+NOISE, STEP = 0.01, 0.01
+GAIN, LAG = 2.0, 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lag(System):
+    """y' = (K u - y) / T."""
+
+    states = ("level [m]",)
+    inputs = ("valve [1]",)
+    stepper = RungeKutta()
+
+    gain: float = bounded(GAIN, 0.1, 10.0, unit="m")
+    lag: float = bounded(LAG, 0.05, 5.0, unit="s")
+
+    def law(self, x: Any, u: Any) -> Any:
+        return [(self.gain * u[0] - x[0]) / self.lag]
+
+
+def rig(**changes: Any) -> Rig:
+    return rig_of(Lag(), step=STEP, limit=1.0, sensors={"level": Sensor(unit="m", white_noise=NOISE)}, **changes)
+
+
+def model(*, deviation: float = 0.1) -> Model:
+    return Model(
+        rig="toy", structure="gray", system=Lag(), sampling=Sampling(step=STEP, period=STEP), names=("gain", "lag"),
+        covariance=np.diag([deviation**2, deviation**2]), training_range={},
+    )  # fmt: skip
+
+
+def fisher() -> Fisher:
+    return Fisher(
+        sensitivities=Sensitivities(Lag(), states=[]), sampling=model().sampling, sizes=np.ones(2),
+        weight=np.array([NOISE**-2]),
+    )  # fmt: skip
+
+
+def test_the_information_of_a_step_is_that_of_its_response() -> None:
+    """y = K (1 - e), dy/dK = 1 - e, dy/dT = -K t e / T^2, with e = exp(-t / T)."""
+    times = np.arange(401) * STEP
+    e = np.exp(-times / LAG)
+    slopes = np.stack([1.0 - e, -GAIN * times * e / LAG**2])
+    found = fisher().information(Lag(), np.ones((400, 1)))
+    np.testing.assert_allclose(found, slopes @ slopes.T / NOISE**2, rtol=1e-6)
+
+
+def test_a_lag_is_told_best_by_a_sine_at_its_corner() -> None:
+    """|dG/dT| = K w / (1 + w^2 T^2) is largest at w = 1 / T: Goodwin & Payne (1977), chapter 6."""
+    times = np.arange(4000) * STEP
+    speeds = np.array([0.25, 0.5, 0.8, 1.0, 1.25, 2.0, 4.0]) / LAG
+    found = [fisher().information(Lag(), np.sin(speed * times)[:, None])[1, 1] for speed in speeds]
+    assert speeds[int(np.argmax(found))] == 1.0 / LAG
+
+
+def test_what_is_known_adds_to_what_is_learned() -> None:
+    """Of independent parts deviations add as 1 / s^2; a number without covariance has its prior, or next to nothing."""
+    known = Knowledge.of(model(deviation=0.3))
+    np.testing.assert_allclose(known.deviations(), 0.3, rtol=1e-4)
+    more = np.diag((known.sizes / 0.4) ** 2)
+    np.testing.assert_allclose(known.deviations(more), 0.24, rtol=1e-4)
+    unknown = Knowledge.of(model(deviation=0.0))
+    np.testing.assert_allclose(unknown.deviations(), 1e3 * unknown.sizes)
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "FEWEST", 400)
+    monkeypatch.setattr(search, "STEPS", 1)
+
+
+@pytest.mark.usefixtures("short")
+def test_a_gain_is_told_best_by_the_largest_level() -> None:
+    """With |u| <= a no input has more information about K than u = a: that of dy/dK = a (1 - e)."""
+    found = designed(model(), rig(), seconds=8.0, period=STEP, amplitude=1.0, parameters=("gain",))
+    known = Knowledge.of(model())
+    fully = expected(found.bench, Fisher.of(model(), rig(), known.sizes), known, np.ones((800, 1)))
+    assert 0.999 * fully[0] < found.after[0] < 1.15 * fully[0]
+
+
+@pytest.mark.usefixtures("short")
+def test_a_designed_experiment_tells_more_than_steps_and_sines_and_stays_within_travel(tmp_path: Path) -> None:
+    """The level may reach 1.2 m, which a valve that is wide open would pass."""
+    tight = rig(travel=np.array([[-1.2], [1.2]]))
+    found = designed(model(), tight, seconds=8.0, period=0.02, amplitude=1.0)
+    assert np.abs(found.outputs).max() < 1.2
+    assert found.bench.feasible(found.driving) == 1.0
+    assert np.all(np.abs(found.inputs) <= 1.0)
+    after, times = float(np.max(found.after / [GAIN, LAG])), np.arange(800, dtype=np.float64) * STEP
+    known, bench = Knowledge.of(model()), found.bench
+    for other in (0.5 * np.sin(2 * np.pi * times), 0.55 * np.sign(np.sin(np.pi * times + 0.01))):
+        assert bench.feasible(other[:, None]) == 1.0
+        more = fisher().information(Lag(), other[:, None]) * np.outer(known.sizes, known.sizes)
+        assert after < float(np.max(known.deviations(more) / known.sizes))
+    save_plan(tmp_path / "plan", found)
+    played = excitation(tight, str(tmp_path / "plan" / SIGNALS), seed=0, duration=8.0, times=times)
+    np.testing.assert_allclose(played, found.driving, rtol=1e-6, atol=1e-8)
+
+
+def test_a_loop_s_inputs_are_those_that_it_would_give() -> None:
+    """u = g (r - y) within limits: y' = (K g (r - y) - y) / T settles at K g r / (1 + K g)."""
+    driven = rig(
+        experiments=Experiments(loops={0: ExperimentLoop(output=0, gain=0.5)}), travel=np.array([[-9.0], [9.0]])
+    )
+    bench = Bench(model=model(), rig=driven, seconds=8.0, period=STEP, amplitude=1.0)
+    inputs, outputs = bench.run(Lag(), np.full((800, 1), 1.0))
+    assert outputs[-1, 0] == pytest.approx(GAIN * 0.5 / (1.0 + GAIN * 0.5), rel=1e-3)
+    assert inputs[0, 0] == pytest.approx(0.5)
+    assert inputs[-1, 0] == pytest.approx(outputs[-1, 0] / GAIN, rel=1e-3)
+    saturated, _ = bench.run(Lag(), np.full((800, 1), 9.0))
+    assert saturated.max() == 1.0
+
+
+def test_what_can_not_be_designed_for_is_refused() -> None:
+    with pytest.raises(UserError, match="parameter 'lags' is no fitted one of this model; it has gain, lag"):
+        designed(model(), rig(), seconds=8.0, period=STEP, parameters=("lags",))
+    held = rig(experiments=Experiments(stabiliser=np.ones((1, 1))))
+    with pytest.raises(UserError, match="toy is driven by a feedback or a stabiliser"):
+        designed(model(), held, seconds=8.0, period=STEP)
+    loose = rig(experiments=Experiments(loops={0: ExperimentLoop(output=0, gain=0.5)}))
+    with pytest.raises(UserError, match="the reference of a loop has no limits: declare travel of level"):
+        designed(model(), loose, seconds=8.0, period=STEP)
