@@ -16,20 +16,29 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
-from hybrid_sysid_ros.identification import Part, evaluate
+from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.identification.validation.input_bias import Adapted, adapt
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
-from hybrid_sysid_ros.identification.validation.run_quality import GOOD, RunQuality, run_quality
-from hybrid_sysid_ros.identification.validation.unstable import PredictionErrors, UnstableError, predictions
+from hybrid_sysid_ros.identification.validation.run_quality import RunQuality, run_quality
+from hybrid_sysid_ros.identification.validation.scores import free_run, scores_of_run
+from hybrid_sysid_ros.identification.validation.unstable import (
+    PredictionErrors,
+    UnstableError,
+    check_free_run,
+    predictions,
+)
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extensions import provided
 from hybrid_sysid_ros.support.files import check_file
 
 
@@ -97,6 +106,8 @@ class _Findings:
     """Scores of the closed loop that is done again."""
     skipped: Mapping[str, str]
     """Why it was not."""
+    uses: Mapping[str, Mapping[str, Mapping[str, Any]]]
+    """What extensions say of the use before the measurement is seen, each with its sentence."""
     biases: Mapping[str, dict[str, Any]]
     """Biases of inputs over the first seconds, and the scores without and with them, where they were asked for."""
 
@@ -104,6 +115,7 @@ class _Findings:
         """Of one record, as plain data."""
         return {
             **self.scores.get(name, {}),
+            **self.uses.get(name, {}),
             **({"ahead": [_row(item) for item in self.ahead[name]]} if name in self.ahead else {}),
             **({"bands": self.bands[name]} if name in self.bands else {}),
             **({"doubt": vars(self.qualities[name])} if name in self.qualities else {}),
@@ -115,20 +127,43 @@ class _Findings:
 def _found(
     model: Model, records: Sequence[Record], part: Part, rig: Rig, biases: Mapping[str, dict[str, Any]]
 ) -> _Findings:
-    scores, ahead = _scored(model, records, part, rig)
-    qualities = _qualities(model, records, part, scores)
-    for record in records:
-        if not qualities.get(record.name, GOOD).judged:
-            ahead[record.name] = predictions(model.system, experiment_of(model, record, part=part), None)
-    bands = _bands(model, [record for record in records if record.name in scores], part)
+    experiments = {record.name: experiment_of(model, record, part=part) for record in records}
+    ahead, runs = dict[str, Sequence[PredictionErrors]](), dict[str, Array]()
+    for name, experiment in experiments.items():
+        try:
+            check_free_run(model.system, experiment)
+            runs[name] = free_run(model.system, experiment)
+        except UnstableError as error:
+            ahead[name] = _ahead(model, experiment, rig, error)
+    scores = {name: scores_of_run(model.system, experiments[name], run).content for name, run in runs.items()}
+    qualities = {name: run_quality(model.system, experiments[name]) for name in runs}
+    for name, quality in qualities.items():
+        if not quality.judged:
+            ahead[name] = predictions(model.system, experiments[name], None)
+    bands = _bands(model, {name: experiments[name] for name in runs})
     loops, skipped = _loops(model, records, part, rig)
     return _Findings(
-        scores=scores, ahead=ahead, qualities=qualities, bands=bands, loops=loops, skipped=skipped, biases=biases
+        scores=scores,
+        ahead=ahead,
+        qualities={name: quality for name, quality in qualities.items() if quality.kind},
+        bands=bands,
+        loops=loops,
+        skipped=skipped,
+        uses={name: _uses(model, experiments[name], run) for name, run in runs.items()},
+        biases=biases,
     )
+
+
+def _uses(model: Model, experiment: PreparedRecord, run: Array) -> dict[str, Mapping[str, Any]]:
+    """What extensions say of a use of the model, by name."""
+    made = {name: check(model, experiment, run) for name, check in provided("use_checks").items()}
+    return {name: found for name, found in made.items() if found}
 
 
 def _show(found: _Findings, rig: Rig, seconds: float) -> None:
     """Print what was found, what counts most first; seconds: from which biases are."""
+    for use in (item for uses in found.uses.values() for item in uses.values()):
+        console.print(use["sentence"])
     for quality in found.qualities.values():
         console.print(f"doubt: {quality.sentence}")
     if followed := {name: found.loops[name] for name in found.ahead if name in found.loops}:
@@ -153,44 +188,22 @@ def _adapted(model: Model, records: Sequence[Record], part: Part, rig: Rig, seco
         raise UserError(f"{error}: leave out --adapt") from error
 
 
-def _scored(
-    model: Model, records: Sequence[Record], part: Part, rig: Rig
-) -> tuple[dict[str, dict[str, Any]], dict[str, list[PredictionErrors]]]:
-    """By record the scores of the free run, or, where that is meaningless, errors of predictions."""
-    scores: dict[str, dict[str, Any]] = {}
-    ahead: dict[str, list[PredictionErrors]] = {}
+def _ahead(model: Model, experiment: PreparedRecord, rig: Rig, why: UnstableError) -> list[PredictionErrors]:
+    """Errors of predictions where the free run is meaningless."""
     windows = unstable_settings(rig)
-    for record in records:
-        try:
-            scores[record.name] = evaluate(model, record, part=part).content
-        except UnstableError as error:
-            if windows is None:
-                advice = f"for that declare the rig's stabiliser, experiments.stabiliser in {rig.file}"
-                raise UserError(f"{error}: {advice}") from error
-            status.print(f"no free run: {error}")
-            ahead[record.name] = predictions(model.system, experiment_of(model, record, part=part), windows)
-    return scores, ahead
+    if windows is None:
+        advice = f"for that declare the rig's stabiliser, experiments.stabiliser in {rig.file}"
+        raise UserError(f"{why}: {advice}") from why
+    status.print(f"no free run: {why}")
+    return predictions(model.system, experiment, windows)
 
 
-def _qualities(
-    model: Model, records: Sequence[Record], part: Part, scores: Mapping[str, Mapping[str, Any]]
-) -> dict[str, RunQuality]:
-    """By record what is wrong with its free run, where something is."""
-    found = {}
-    for record in records:
-        if record.name in scores:
-            quality = run_quality(model.system, experiment_of(model, record, part=part))
-            found.update({record.name: quality} if quality.kind else {})
-    return found
-
-
-def _bands(model: Model, records: Sequence[Record], part: Part) -> dict[str, dict[str, Any]]:
+def _bands(model: Model, experiments: Mapping[str, PreparedRecord]) -> dict[str, dict[str, Any]]:
     """By record and level, what the bands of its free run hold."""
     found = {}
-    for record in records:
-        experiment = experiment_of(model, record, part=part)
+    for name, experiment in experiments.items():
         if bands := bands_of(model, experiment):
-            found[record.name] = {f"{band.level:g}": band.content(model.system, experiment) for band in bands}
+            found[name] = {f"{band.level:g}": band.content(model.system, experiment) for band in bands}
     return found
 
 

@@ -181,11 +181,11 @@ def score_table(
     for record, values in scores.items():
         for index, name in enumerate(names):
             own, shown = values.get("outputs", {}).get(name, values), rig.display[index]
-            rmse = f"{float(shown.shown(own['rmse'])):.3f}{f' {shown.unit}' if several else ''}"
+            rmse = f"{float(shown.shown(own['rmse'])):.4g}{f' {shown.unit}' if several else ''}"
             cells = [record, *([name] if several else []), f"{own['r2']:.4f}", rmse, f"{own['fit_percent']:.1f}"]
             if loops:
                 loop = loops[record].get("outputs", {}).get(name, loops[record]) if record in loops else None
-                cells += [f"{loop['r2']:.4f}", f"{float(shown.shown(loop['rmse'])):.3f}"] if loop else ["", ""]
+                cells += [f"{loop['r2']:.4f}", f"{float(shown.shown(loop['rmse'])):.4g}"] if loop else ["", ""]
             table.add_row(*cells)
     return table
 
@@ -205,7 +205,7 @@ def bias_table(biases: Mapping[str, dict[str, Any]], rig: Rig, seconds: float) -
             shown, cells = rig.display[index], [record, *([name] if several else []), *bias]
             for which in ("without", "adapted"):
                 own = values[which].get("outputs", {}).get(name, values[which])
-                rmse = f"{float(shown.shown(own['rmse'])):.3f}{f' {shown.unit}' if several else ''}"
+                rmse = f"{float(shown.shown(own['rmse'])):.4g}{f' {shown.unit}' if several else ''}"
                 cells += [f"{own['r2']:.4f}", rmse]
             table.add_row(*cells)
     return table

@@ -26,7 +26,7 @@ from hybrid_sysid_ros.models.structure import Options, complete, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.extensions import blaming
+from hybrid_sysid_ros.support.extensions import blaming, provided
 
 REFINED, FINER = 0.3, (5, 4, 2)
 """Share of a standard error by which a step may move a parameter, and the parts into which a longer step is cut."""
@@ -99,6 +99,7 @@ def identify(
             "seed": seed,
             **({"block_spread": dict(zip(fitted.names, fitted.block_spread.tolist(), strict=True))} if spread else {}),
             **({"bands": bands} if bands else {}),
+            **_notes(fitted.system, experiments),
             **_biases(fitted, [record.name for record in used]),
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
             **({"groups": [group.content for group in known_together]} if known_together else {}),
@@ -156,6 +157,12 @@ def _bands(
     spans = np.array([np.ptp(ranges[item.name]) for item in rig.system.inputs])
     known = Uncertainty(names=fitted.names, covariance=fitted.covariance, effective=fitted.effective, spans=spans)
     return band_calibration(fitted.system, experiments, known)
+
+
+def _notes(system: System, experiments: Sequence[PreparedRecord]) -> dict[str, Any]:
+    """What extensions note of the training records, by name."""
+    made = {name: note(system, experiments) for name, note in provided("training_notes").items()}
+    return {name: note for name, note in made.items() if note}
 
 
 def _biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:

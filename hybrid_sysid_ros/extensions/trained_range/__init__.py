@@ -1,0 +1,1 @@
+"""What a model was trained on, and where a use of it leaves that."""

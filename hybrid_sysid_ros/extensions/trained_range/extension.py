@@ -1,0 +1,13 @@
+"""What this extension adds."""
+
+from hybrid_sysid_ros.support.extensions import Extension
+
+HERE = "hybrid_sysid_ros.extensions.trained_range"
+EXTENSION = Extension(
+    name="trained_range",
+    summary="Where a run leaves what its model was trained on.",
+    provides={
+        "training_notes": {"trained_range": f"{HERE}.trained_range:noted"},
+        "use_checks": {"trained_range": f"{HERE}.use:checked"},
+    },
+)

@@ -1,0 +1,1 @@
+"""What a report shows of the range that a model was trained on."""

@@ -1,0 +1,117 @@
+"""What a model was trained on: motions like it are accused at the stated rate, others are named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.signal import lfilter
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.trained_range.trained_range import WRONGLY, TrainedRange
+from hybrid_sysid_ros.extensions.trained_range.words import reason
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models.fit import PreparedRecord
+from tests.one_joint import Linear
+
+SAMPLING = Sampling(step=0.05, period=0.05)
+ROOT = Path(__file__).parents[4]
+
+
+class Cart(System):
+    """x'' = u - x'."""
+
+    states = ("place [m]", "speed [m/s]")
+    inputs = ("push [m/s^2]",)
+    outputs = ("place",)
+
+    def law(self, x, u):
+        return x[1], u[0] - x[1]
+
+
+def experiment(outputs, inputs):
+    """A record of samples."""
+    outputs, inputs = np.reshape(outputs, (-1, 1)), np.reshape(inputs, (-1, 1))
+    return PreparedRecord(
+        name="made", sampling=SAMPLING, inputs=inputs[:-1], outputs=outputs, states=np.zeros((len(outputs), 2))
+    )
+
+
+def wandering(seed, samples=4000):
+    """A stationary motion of one kind, and what drives it."""
+    drive = lfilter([1.0], [1.0, -0.9], np.random.default_rng(seed).normal(size=samples + 200))
+    return lfilter([0.1], [1.0, -1.7, 0.8], drive)[200:], drive[200:]
+
+
+def trained_on(*motions):
+    found = TrainedRange.of(Linear(), [experiment(*motion) for motion in motions])
+    assert found is not None
+    return found
+
+
+def outside(found, motion):
+    """Share of a motion that is untrained."""
+    outputs, inputs = (np.reshape(values, (-1, 1)) for values in motion)
+    return found.outside(outputs, inputs)[found.scales.samples[-1] :].mean()
+
+
+def words(found, motion):
+    outputs, inputs = (np.reshape(values, (-1, 1)) for values in motion)
+    away = found.outside(outputs, inputs)[found.scales.samples[-1] :]
+    return reason(found, found.scales.features(outputs, inputs)[away], Linear(), SAMPLING.period)
+
+
+def test_motions_of_the_same_kind_are_accused_at_the_stated_rate():
+    shares = [outside(trained_on(wandering(k), wandering(k + 100)), wandering(k + 200)) for k in range(8)]
+    assert np.mean(shares) == pytest.approx(WRONGLY, abs=0.01)
+
+
+def test_slow_motion_in_one_direction_is_another_than_in_the_other_and_than_rest():
+    """All three pass through places, speeds and inputs that a faster motion had."""
+    y, u = wandering(1)
+    slow, held = np.linspace(-0.5, 0.5, 1200) * np.std(y), np.full(1200, np.mean(u))
+    down, up, still = (-slow, held), (slow, held), (0.0 * slow, held)
+    found = trained_on((y, u), down)
+    assert outside(found, down) < 0.1
+    assert outside(found, up) > 0.9
+    assert outside(found, still) > 0.9
+    assert "no slow motion of position upwards" in words(found, up)
+    assert "no rest of position for 5 s" in words(found, still)
+
+
+def test_what_an_input_never_was_is_named_with_its_end():
+    y, u = wandering(1)
+    found = trained_on((y, u))
+    away = wandering(2)[0], 3.0 * np.max(u) + wandering(2)[1]
+    assert outside(found, away) > 0.9
+    assert f"above {np.max(found.typical[:, -1]) * np.std(u):.3g}" in words(found, away)
+
+
+def test_a_place_that_moves_nothing_is_as_good_as_another():
+    """Where the law does not read its position, a cart that wandered off is still the same cart."""
+    y, u = wandering(1)
+    cart, held = (TrainedRange.of(system, [experiment(y, u)]) for system in (Cart(), Linear()))
+    assert outside(cart, (y + 1e3, u)) < 0.01
+    assert outside(held, (y + 1e3, u)) == 1.0
+
+
+def test_a_trained_range_is_kept_in_a_model_and_read_again():
+    found = trained_on(wandering(1))
+    again = TrainedRange.from_content(json.loads(json.dumps(found.content)))
+    y, u = (np.reshape(values, (-1, 1)) for values in wandering(3))
+    np.testing.assert_allclose(found.distance(y, u), again.distance(y, u))
+
+
+def test_evaluate_says_before_all_else_whether_a_model_was_trained_for_a_record(command, linear_model):
+    bags = ROOT / "bags"
+    content = yaml.safe_load((linear_model / "model.yaml").read_text())
+    assert len(json.dumps(content["fit"]["trained_range"])) < 8000
+    status, out, error = command("evaluate", linear_model, bags / "beam_multisine")
+    assert status == 0, error
+    assert out.startswith("beam_multisine: trained: ")
+    _, out, _ = command("evaluate", linear_model, bags / "beam_random_steps", "--json")
+    found = json.loads(out)["records"]["beam_random_steps"]["trained_range"]
+    assert found["verdict"] in found["sentence"]
