@@ -1,0 +1,171 @@
+"""Feature tracker: what stands in the pictures of a camera that may move, followed from one to the others (OpenCV)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
+
+PARTS, IN_PART, FEWEST = (8, 5), 6, 12  # of a picture, features in each, and features
+FAINTEST, SHARPNESS = 4, 0.003  # counts across a corner, and share of the sharpest one in its part
+APART = 1 / 60  # widths between two features
+BODIES = 3  # that go together, of which one may be what stands
+STANDING = 0.75  # share of the sampled pictures in which a feature must go with the others
+BESIDE = 1.0  # pixels of 640: farther off, a feature does not go with them
+UNMOVED = 0.35  # pixels of 640: features that are no farther off than that in most pictures are those of a tripod
+WIDE = 0.35  # share of the picture along each axis that features must span, to tell more than a shift
+FLATTER = 0.85  # of the residuals of similarities, those of homographies that are worth their four numbers more
+
+
+class FeatureTracker:
+    """Finds features of a reference in other pictures."""
+
+    def __init__(self, cv2: Any, reference: Picture, features: NDArray[np.float32]) -> None:
+        self.cv2, self.reference, self.features, self.flat = cv2, reference, features, True
+
+    def found(self, picture: Picture, pose: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Where the features are (features, 2), from a pose on that is near; NaN where they are not found."""
+        near = moved(pose[None], self.features)[0].astype(np.float32)
+        places, status, _ = self.cv2.calcOpticalFlowPyrLK(
+            self.reference, picture, self.features.reshape(-1, 1, 2), near.reshape(-1, 1, 2).copy(),
+            winSize=(21, 21), maxLevel=3, criteria=(3, 30, 0.003), flags=self.cv2.OPTFLOW_USE_INITIAL_FLOW,
+            minEigThreshold=1e-5,
+        )  # fmt: skip
+        places = places.reshape(-1, 2)
+        places[status.ravel() == 0] = np.nan
+        return np.asarray(places)
+
+    def pose(self, picture: Picture, near: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], float]:
+        """The pose of a picture, and its features' distances from it, rms [pixels]; NaN where there are too few."""
+        if picture.shape != self.reference.shape:
+            return near, np.nan
+        places = self.found(picture, near)
+        there = np.isfinite(places[:, 0])
+        return self.fitted(places, there, scale)
+
+    def fitted(
+        self, places: NDArray[np.float32], there: NDArray[np.bool_], scale: float
+    ) -> tuple[NDArray[np.float64], float]:
+        """The same, of features that are found at places."""
+        if there.sum() < FEWEST / 2:
+            return np.eye(3), np.nan
+        one, other = self.features[there], places[there]
+        if self.flat:
+            similarity, kept = self.cv2.estimateAffinePartial2D(
+                one, other, method=self.cv2.RANSAC, ransacReprojThreshold=BESIDE * scale
+            )
+            if similarity is None:
+                return np.eye(3), np.nan
+            pose = np.vstack([similarity, [0.0, 0.0, 1.0]])
+        else:
+            pose, kept = self.cv2.findHomography(one, other, self.cv2.RANSAC, BESIDE * scale)
+            if pose is None:
+                return np.eye(3), np.nan
+        kept = kept.ravel() > 0
+        if kept.sum() < max(FEWEST / 2, 0.3 * len(self.features)):
+            return pose, np.nan
+        far = moved(pose[None], one[kept])[0] - other[kept]
+        return pose, float(np.sqrt(np.mean(far**2)))
+
+    def least_squares(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float64]:
+        """The pose of all features (features, 2), without a search for those that do not go with it."""
+        if not self.flat:
+            return np.asarray(self.cv2.findHomography(one, other, 0)[0])
+        middle, there = one.mean(axis=0), other.mean(axis=0)
+        x, y = one - middle, other - there
+        along, across = float((x * y).sum()), float((x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]).sum())
+        turned = np.array([[along, -across], [across, along]]) / float((x * x).sum())
+        pose = np.eye(3)
+        pose[:2, :2], pose[:2, 2] = turned, there - turned @ middle
+        return pose
+
+
+def standing_features(cv2: Any, reference: Picture, few: list[Picture], scale: float) -> NDArray[np.float32] | None:
+    """Those features that stand; None where there are too few. What goes together in a narrow place may be the joint's
+    own, and is left out. A camera that turns far away sees what stands in perspective.
+    """
+    features = _corners(cv2, reference)
+    for _ in range(BODIES):
+        if len(features) < FEWEST:
+            return None
+        narrow = np.zeros(len(features), dtype=bool)
+        for flat in (True, False):
+            tracker = FeatureTracker(cv2, reference, features)
+            tracker.flat = flat
+            found, tripod = _standing(tracker, few, scale)
+            if found.sum() >= FEWEST and (tripod or wide(features[found], reference.shape)):
+                return features[found]
+            narrow = narrow if narrow.any() else found
+        features = features[~narrow]
+    return None
+
+
+def _corners(cv2: Any, reference: Picture) -> NDArray[np.float32]:
+    """Corners (features, 2) of a picture that can be followed (Shi and Tomasi 1994), so many in each part, as most
+    of the sharpest ones may be on the joint.
+    """
+    faint: Picture = np.full((21, 21), 100, dtype=np.uint8)
+    faint[10:, 10:] += FAINTEST
+    least, (rows, columns) = float(cv2.cornerMinEigenVal(faint, 3).max()), reference.shape
+    found = [np.zeros((0, 2), dtype=np.float32)]
+    for top, bottom in pairwise(np.linspace(0, rows, PARTS[1] + 1).astype(int)):
+        for left, right in pairwise(np.linspace(0, columns, PARTS[0] + 1).astype(int)):
+            part = np.ascontiguousarray(reference[top:bottom, left:right])
+            most = float(cv2.cornerMinEigenVal(part, 3).max())
+            if most > least:
+                corners = cv2.goodFeaturesToTrack(part, IN_PART, max(least / most, SHARPNESS), APART * columns)
+                found.append(corners.reshape(-1, 2) + np.array([left, top], dtype=np.float32))
+    return np.vstack(found)
+
+
+def _standing(tracker: FeatureTracker, few: list[Picture], scale: float) -> tuple[NDArray[np.bool_], bool]:
+    """Features that do not move, where there are enough of them, as before a tripod, or else those that go together;
+    and whether it is a tripod.
+    """
+    places, middle = np.full((len(few), len(tracker.features), 2), np.nan, dtype=np.float32), len(few) // 2
+    for order in (range(middle, len(few)), range(middle - 1, -1, -1)):  # so that each is near the one before
+        near = np.eye(3)
+        for k in order:
+            places[k] = tracker.found(few[k], near)
+            pose, residual = tracker.fitted(places[k], np.isfinite(places[k, :, 0]), scale)
+            near = pose if np.isfinite(residual) else near
+    beside = places - tracker.features
+    still = np.hypot(beside[..., 0], beside[..., 1]) < UNMOVED * scale
+    unmoved = still.mean(axis=0) > STANDING
+    if unmoved.sum() >= FEWEST:
+        return np.asarray(unmoved), True
+    together = np.zeros(still.shape, dtype=bool)
+    for k in range(len(few)):
+        there = np.isfinite(places[k, :, 0])
+        pose, _ = tracker.fitted(places[k], there, scale)
+        far = moved(pose[None], tracker.features)[0] - places[k]
+        together[k] = np.hypot(far[:, 0], far[:, 1]) < BESIDE * scale
+    return np.asarray(together.mean(axis=0) > STANDING), False
+
+
+def is_flat(tracker: FeatureTracker, few: list[Picture], scale: float) -> bool:
+    """Whether similarities explain the pictures as well as homographies do, or features are too narrow for these."""
+    if len(tracker.features) < 3 * FEWEST or not wide(tracker.features, tracker.reference.shape):
+        return True
+    residuals = []
+    for tracker.flat in (True, False):
+        residuals.append([tracker.pose(picture, np.eye(3), scale)[1] for picture in few])
+    flat, deep = np.nanmedian(residuals, axis=1)
+    return bool(deep > FLATTER * flat)
+
+
+def wide(features: NDArray[np.float32], shape: tuple[int, ...]) -> bool:
+    """Whether features (features, 2) span enough of a picture's shape to tell more than a shift."""
+    low, high = np.percentile(features, [5, 95], axis=0)
+    return bool((high[0] - low[0] > WIDE * shape[1]) and (high[1] - low[1] > WIDE * shape[0]))
+
+
+def moved(poses: NDArray[np.float64], places: NDArray[Any]) -> NDArray[np.float64]:
+    """Places (places, 2) by poses (pictures, 3, 3): (pictures, places, 2)."""
+    full = np.column_stack([places, np.ones(len(places))])
+    there = full @ poses.transpose(0, 2, 1)
+    return np.asarray(there[..., :2] / there[..., 2:])
