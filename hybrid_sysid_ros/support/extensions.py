@@ -27,7 +27,8 @@ MANIFEST = "extension.py"
 PACKAGE = __name__.partition(".")[0]
 KINDS = (
     "sections", "report", "companions", "demos", "controllers", "pictures", "structures", "blocks", "solvers",
-    "policies", "exporters", "descriptions", "drawings", "record_checks", "training_notes", "use_checks",
+    "policies", "exporters", "descriptions", "drawings", "record_checks", "record_remarks", "training_notes",
+    "use_checks",
 )  # fmt: skip
 """Kinds of objects that an extension may provide."""
 

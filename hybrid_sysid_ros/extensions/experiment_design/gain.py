@@ -49,7 +49,7 @@ def gained(model: Model, rig: Rig, record: Record) -> InformationGain:
         values=_numbers(model),
         found=_numbers(alone),
         before=knowledge.deviations(),
-        expected=knowledge.deviations(fisher.information(model.system, experiment.inputs)),
+        expected=knowledge.deviations(fisher.information(model.system, experiment.inputs, experiment.states[0])),
         after=knowledge.deviations(new.information * ratio),
     )
 

@@ -84,21 +84,24 @@ class Fisher:
             sensitivities=sensitivities, sampling=model.sampling, sizes=sizes, weight=1.0 / noise_of(model, rig) ** 2
         )
 
-    def information(self, system: System, inputs: Array) -> Array:
-        """M of a run from rest, in numbers that are counted in their sizes, (free, free). inputs (steps, inputs)."""
-        tangents = self.tangents(system, inputs)
+    def information(self, system: System, inputs: Array, first: Array | None = None) -> Array:
+        """M of a run from rest, or from a first state (states,), in numbers that are counted in their sizes, (free,
+        free). inputs (steps, inputs).
+        """
+        tangents = self.tangents(system, inputs, first)
         scaled = tangents * np.sqrt(self.weight)[:, None] * self.sizes
         rows = scaled.reshape(-1, scaled.shape[2])
         return np.asarray(rows.T @ rows)
 
-    def tangents(self, system: System, inputs: Array) -> Array:
+    def tangents(self, system: System, inputs: Array, first: Array | None = None) -> Array:
         """Derivatives of the outputs by the numbers, (samples, outputs, free); 0 where a run diverges."""
         samples = len(inputs) // self.sampling.every + 1
         out = np.empty((samples, len(system.outputs), self.sensitivities.count))
-        starts, first = run_of(system, samples)
+        starts, rest = run_of(system, samples)
+        begin = rest if first is None else np.ascontiguousarray(first[None])
         with np.errstate(all="ignore"):
             self.sensitivities.rollouts(
-                system, starts, first, inputs, step=self.sampling.step, every=self.sampling.every, out=out
+                system, starts, begin, inputs, step=self.sampling.step, every=self.sampling.every, out=out
             )
         return out if np.isfinite(out).all() else np.zeros_like(out)
 

@@ -21,6 +21,7 @@ from hybrid_sysid_ros.extensions.record_check.report.record_page import write_re
 from hybrid_sysid_ros.library.records import checked_bag
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.extensions import provided
 from hybrid_sysid_ros.support.files import check_file
 
 
@@ -61,6 +62,9 @@ def command(
             for item in findings:
                 table.add_row(item.kind, f"{item.cost:.2f}", item.words, item.cure)
             print_table(table)
+    for remarks in () if as_json else provided("record_remarks").values():
+        for line in remarks(records, described):
+            console.print(line)
     if report is not None:
         by_name = dict(zip([record.name for record in records], found.values(), strict=True))
         made_by, hashes = (

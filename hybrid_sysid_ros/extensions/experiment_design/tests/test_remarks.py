@@ -1,0 +1,46 @@
+"""What records can show is said before any fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import simulate
+from hybrid_sysid_ros.extensions.experiment_design.remarks import leads, remarks_of
+from hybrid_sysid_ros.extensions.experiment_design.tests.test_design import NOISE, STEP, Lag, rig
+from hybrid_sysid_ros.support.arrays import Array
+
+
+def recorded(inputs: Array) -> Record:
+    """Of a lag that begins at rest."""
+    states = simulate(Lag(), np.zeros(1), inputs[1:, None], step=STEP)
+    noise = NOISE * np.random.default_rng(0).normal(size=states.shape)
+    times = np.arange(len(inputs), dtype=np.float64) * STEP
+    return Record(name="lag", time=times, input=inputs[:, None], output=states + noise)
+
+
+def test_an_input_far_below_its_corner_shows_the_gain_and_not_the_lag() -> None:
+    """At w T = 1e-3 the lag moves the level by a thousandth of what the gain does."""
+    times = np.arange(3001) * STEP
+    lines = remarks_of([recorded(0.5 * np.sin(2e-3 * times))], rig())
+    assert lines[0].startswith("these records hardly show lag:")
+    assert "alone: gain 0.0" in lines[1]
+    steps = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 61), 50)[:3001]
+    lines = remarks_of([recorded(steps)], rig())
+    assert len(lines) == 1
+    assert "gain 0.00" in lines[0]
+    assert "lag 0.00" in lines[0]
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.8])
+def test_an_output_leads_an_input_only_under_feedback(gain: float) -> None:
+    """y(k) = .9 y(k-1) + .2 u(k-1) + e(k), u(k) = r(k) - g y(k-1)."""
+    random = np.random.default_rng(2)
+    wanted, noise = lfilter([1.0], [1.0, -0.7], random.normal(size=4000)), 0.3 * random.normal(size=4000)
+    y, u = np.zeros(4000), np.zeros(4000)
+    for k in range(1, 4000):
+        u[k] = wanted[k] - gain * y[k - 1]
+        y[k] = 0.9 * y[k - 1] + 0.2 * u[k - 1] + noise[k]
+    assert leads(y, u) == (gain > 0.0)
