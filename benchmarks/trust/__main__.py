@@ -13,7 +13,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.trust import bands, importing, intervals, records, state_spaces
+from benchmarks.trust import bands, designs, importing, intervals, records, state_spaces
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from studies.beam_lecture.lecture import DATA
 
@@ -23,6 +23,7 @@ PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "check": records.measured,
     "intervals": intervals.measured,
     "bands": bands.measured,
+    "design": designs.measured,
     "state_space": state_spaces.measured,
 }
 
@@ -52,6 +53,13 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("time of bands [free runs]", part["free_runs"], f"<= {limit:g}", part["free_runs"] <= limit))
     elif "bands" in found:
         made.append(("samples in 90 % bands", math.nan, f"needs {DATA}", False))
+    for name in designs.RIGS if "design" in found else ():
+        case = found["design"].get(name, {"ratio": math.nan, "noises": 0, "seconds": math.nan})
+        enough, asked = case["noises"] >= designs.NOISES, f"<= {designs.MOST:g}, {case['noises']} noises"
+        made.append(
+            (f"variance of a designed minute, {name}", case["ratio"], asked, enough and case["ratio"] <= designs.MOST)
+        )
+        made.append((f"its design [s], {name}", case["seconds"], "< 60", case["seconds"] < 60.0))
     if part := found.get("state_space"):
         made.append(("state space of order 30, 1e5 samples [s]", part["seconds"], "< 300", part["seconds"] < 300.0))
         least = 1.5 * part["noise"]
@@ -78,6 +86,9 @@ def main() -> int:
             console.print(f"{kind}: {case['right']} of 9, {case['first']}")
     for name, case in found.get("intervals", {}).items():
         console.print(f"{name}: " + ", ".join(f"{key} {share:.2f}" for key, share in case["held"].items()))
+    for name, case in found.get("design", {}).items():
+        shown = (f"{kind} {row['variance']:.3g} ({row['parameter']})" for kind, row in case["worst"].items())
+        console.print(f"worst relative variance of {name}: {', '.join(shown)}")
     for name, rows_of in found.get("bands", {}).get("records", {}).items():
         shown = (f"{key} {row['held_90']:.2f} ({1e3 * row['mean_error']:.1f} mm)" for key, row in rows_of.items())
         console.print(f"held of {name}, and mean error: {', '.join(shown)}")

@@ -6,10 +6,8 @@ package has changed since.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,15 +15,14 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-import hybrid_sysid_ros
 from benchmarks import result
+from benchmarks.trust.resumed import resumed
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.library.arguments import given_sampling
 from hybrid_sysid_ros.rigs.experiments import simulate_experiment
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.support.files import written_file
 
 RIGS = {"cam_beam": 1000.0, "wheel_motor": 100.0}
 """Samples per second [Hz] by rig."""
@@ -34,8 +31,6 @@ REPETITIONS = 60
 FIRST_SEED = 5000
 LEVEL = 0.9
 WITHIN = (0.85, 0.95)
-LONGEST = 14 * 60.0
-"""Seconds after which a run stops, and the next one goes on."""
 PART = result.RESULTS / "trust_intervals.part.json"
 
 
@@ -71,25 +66,11 @@ def deviations(rig: Rig, seed: int) -> dict[str, float]:
     return {name: (values[name] - truth[name]) / error for name, error in model.standard_errors.items()}
 
 
-def version() -> str:
-    """What identifies the package's code."""
-    folder, digest = Path(hybrid_sysid_ros.__file__).parent, hashlib.sha256()
-    for room in ("core", "models", "identification", "structures", "rigs"):
-        for file in sorted((folder / room).rglob("*.py")):
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
-
-
 def measured() -> dict[str, Any]:
     """By rig, the share of intervals that hold the truth of each parameter, of the repetitions that are done."""
-    begun, done = time.perf_counter(), _done()
-    for seed in range(FIRST_SEED, FIRST_SEED + REPETITIONS):
-        for name in RIGS:
-            if str(seed) in done[name] or time.perf_counter() - begun > LONGEST:
-                continue
-            done[name][str(seed)] = deviations(true_rig(name), seed)
-            with written_file(PART) as partial:
-                partial.write_text(json.dumps({"version": version(), "done": done}), encoding="utf-8")
+    seeds = [str(seed) for seed in range(FIRST_SEED, FIRST_SEED + REPETITIONS)]
+    tasks = ((name, seed, partial(deviations, true_rig(name), int(seed))) for seed in seeds for name in RIGS)
+    done = resumed(PART, tasks)
     return {name: coverage(list(runs.values())) for name, runs in done.items()}
 
 
@@ -106,12 +87,3 @@ def coverage(runs: list[dict[str, float]]) -> dict[str, Any]:
         "bias": {name: float(np.mean(values)) for name, values in errors.items()},
         "spread": {name: float(np.std(values)) for name, values in errors.items()},
     }
-
-
-def _done() -> dict[str, dict[str, dict[str, float]]]:
-    try:
-        content = json.loads(PART.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        content = {}
-    known: dict[str, dict[str, dict[str, float]]] = content["done"] if content.get("version") == version() else {}
-    return {name: known.get(name, {}) for name in RIGS}

@@ -1,0 +1,124 @@
+"""Designed experiments against those of the rig: variances of fitted parameters over sensor noises.
+
+A run lasts at most a quarter of an hour; the next one goes on from ``results/trust_designs.part.json``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from benchmarks import result
+from benchmarks.trust.intervals import true_rig
+from benchmarks.trust.resumed import resumed
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.experiment_design.design import designed
+from hybrid_sysid_ros.extensions.experiment_design.plan_folder import SIGNALS, save_plan
+from hybrid_sysid_ros.identification import identify
+from hybrid_sysid_ros.library.arguments import given_sampling
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.rigs.experiments import excitation, simulate_experiment
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.signal_file import driving_columns, write_signals
+
+RIGS = {"cam_beam": 200.0, "flexible_joint": 200.0, "wheel_motor": 100.0}
+"""Samples per second [Hz] by rig."""
+DESIGNED, OTHERS = "designed", ("multisine", "random_steps", "swept_sine")
+FIRST = 10.0
+"""Length of the multisine from which the first model is [s]."""
+SECONDS, RATE = 60.0, 100.0
+"""Length of an experiment [s], and samples of a designed drive per second [Hz]."""
+NOISES, FIRST_SEED = 20, 8000
+MOST = 0.5
+"""What is asked of the ratio of the worst variances."""
+PART = result.RESULTS / "trust_designs.part.json"
+
+
+def counted(rig: Rig) -> list[str]:
+    """The parameters that data alone determine: a prior would keep one where a poor experiment says nothing of it."""
+    return [item.name for item in rig.system.parameters if not item.fixed and item.spread is None]
+
+
+def recorded(rig: Rig, kind: str, *, seed: int, seconds: float) -> Record:
+    """A simulated experiment."""
+    with TemporaryDirectory() as folder:
+        place = Path(folder) / "bag"
+        simulate_experiment(rig, kind, place, seed=seed, duration=seconds, rate=RIGS[rig.name])
+        return bags.read(place, rig.signals)
+
+
+def fitted(rig: Rig, record: Record) -> Model:
+    """A gray box of one record."""
+    return identify([record], rig, "gray", sampling=given_sampling(None, rig))
+
+
+@cache
+def signals(name: str, kind: str, folder: str) -> tuple[str, float]:
+    """A file that plays an experiment with the same signals under every noise, and the seconds of its design."""
+    rig, place = true_rig(name), Path(folder) / name / kind
+    if kind != DESIGNED:
+        times = np.arange(round(SECONDS / rig.step) + 1, dtype=np.float64) * rig.step
+        driving = excitation(rig, kind, seed=FIRST_SEED, duration=SECONDS, times=times)
+        scales = np.ones(driving.shape[1])
+        for index, loop in rig.experiments.loops.items():
+            scales[index] = rig.sensors[loop.output].scale
+        place.mkdir(parents=True)
+        write_signals(place / SIGNALS, times, dict(zip(driving_columns(rig), (driving / scales).T, strict=True)))
+        return str(place / SIGNALS), 0.0
+    model = fitted(rig, recorded(rig, OTHERS[0], seed=FIRST_SEED - 1, seconds=FIRST))
+    begun = time.perf_counter()
+    found = designed(model, rig, seconds=SECONDS, period=1.0 / RATE, parameters=counted(rig))
+    seconds = time.perf_counter() - begun
+    place.parent.mkdir(parents=True, exist_ok=True)
+    save_plan(place, found)
+    return str(place / SIGNALS), seconds
+
+
+def errors(name: str, kind: str, folder: str, seed: int) -> dict[str, float]:
+    """Errors of the parameters, in the larger one of value and scale, of one record; and the seconds of a design."""
+    rig = true_rig(name)
+    file, seconds = signals(name, kind, folder)
+    model, truth = fitted(rig, recorded(rig, file, seed=seed, seconds=SECONDS)), rig.system.named
+    sizes = {item.name: max(abs(truth[item.name]), item.scale) for item in rig.system.parameters}
+    found = {key: (model.system.named[key] - truth[key]) / sizes[key] for key in counted(rig)}
+    return {**found, "seconds": seconds}
+
+
+def tasks(folder: str) -> Iterator[tuple[str, str, Any]]:
+    """All records of all experiments."""
+    for seed in range(FIRST_SEED, FIRST_SEED + NOISES):
+        for name in RIGS:
+            for kind in (DESIGNED, *OTHERS):
+                yield f"{name} {kind}", str(seed), partial(errors, name, kind, folder, seed)
+
+
+def measured() -> dict[str, Any]:
+    """By rig: the worst parameter's variance of each experiment, their ratio, the noises, and a design's seconds."""
+    with TemporaryDirectory() as folder:
+        done = resumed(PART, tasks(folder))
+    found = {}
+    for name in RIGS:
+        runs = {kind: list(done.get(f"{name} {kind}", {}).values()) for kind in (DESIGNED, *OTHERS)}
+        fewest = min(map(len, runs.values()))
+        if fewest >= 2:
+            worst = {kind: _worst(items[:fewest]) for kind, items in runs.items()}
+            least = min(worst[kind][1] for kind in OTHERS)
+            found[name] = {
+                "noises": fewest,
+                "ratio": worst[DESIGNED][1] / least,
+                "worst": {kind: {"parameter": key, "variance": value} for kind, (key, value) in worst.items()},
+                "seconds": max(item["seconds"] for item in runs[DESIGNED]),
+            }
+    return found
+
+
+def _worst(runs: Sequence[dict[str, float]]) -> tuple[str, float]:
+    variances = {key: float(np.var([run[key] for run in runs], ddof=1)) for key in runs[0] if key != "seconds"}
+    return max(variances.items(), key=lambda item: item[1])
