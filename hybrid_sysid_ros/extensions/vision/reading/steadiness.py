@@ -18,7 +18,6 @@ ENOUGH = 20  # pictures
 OUTLIER = 5.0  # deviations
 WANDERS = 0.12  # pixels of 640: a pivot that moves less, rms, stands
 LEAVES = 3.0  # pixels of 640: one that moves more, the camera's motion taken out, is no pivot
-LAYERS = 1.2  # times as large are errors as the pictures alone say, as learned layers have their own
 ORDER = 10  # of the differences that show what is new in each picture
 GAP = 1.5  # times as far apart as most are pictures between which one is missing
 CHI_SQUARE = 0.455  # median, of one degree of freedom
@@ -72,7 +71,7 @@ def steady_angles(
         more = max(unsteady / max(motion.deviation, 1e-9), 1.0) if moves else 1.0
         common += (more * motion.roll_deviation if moves else min(motion.roll, motion.roll_deviation)) ** 2
     angles = np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan)
-    own = (LAYERS * chosen[:, 1]) ** 2 + common
+    own = chosen[:, 1] ** 2 + common
     deviations = np.sqrt(np.maximum(own, scatter(times, angles, turns=layers.full_turn) ** 2))
     return SteadyAngles(angles=angles, deviations=deviations, rows=chosen[:, 2])
 
