@@ -16,6 +16,7 @@ from hybrid_sysid_ros.extensions.vision.reading.feature_tracker import (
     is_flat,
     moved,
     standing_features,
+    wide,
 )
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -26,7 +27,8 @@ QUIET = 0.04  # pixels of 640: a motion that is no larger is left in, as to take
 CERTAIN = 2.5  # deviations of a measured motion: the same
 FARTHEST = 0.15  # widths: how far a camera may look elsewhere
 DISPLACED = 1.5  # pixels of 640: a camera that looks farther beside was moved, and sees the joint otherwise
-ROLLS = 0.02  # rad rms: what rolls more is no camera, but the joint
+ROLLS = 0.02  # rad rms: what rolls more may be the joint,
+ALL_OVER = 0.7  # unless it spans so much of the picture along each axis
 MANY = 40  # features: a few are easily lost, so many only with the place
 LOST = 0.2  # share of the pictures in which the camera's motion may be unknown
 TimedPictures = Callable[[], Iterator[tuple[float, Picture]]]
@@ -141,7 +143,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
             f"the camera was moved: what stands lies {motion.displaced:.1f} pixels beside where it was when the layers "
             "were learned: learn them again (--learn)"
         )
-    if motion.roll > ROLLS:
+    if motion.roll > ROLLS and not wide(tracker.features, reference.shape, ALL_OVER):
         return None
     if motion.farthest > FARTHEST * width:
         raise UserError(

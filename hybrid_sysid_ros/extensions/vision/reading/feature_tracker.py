@@ -92,15 +92,17 @@ def standing_features(cv2: Any, reference: Picture, few: list[Picture], scale: f
     for _ in range(BODIES):
         if len(features) < FEWEST:
             return None
-        narrow = np.zeros(len(features), dtype=bool)
+        most = np.zeros(len(features), dtype=bool)
         for flat in (True, False):
             tracker = FeatureTracker(cv2, reference, features)
             tracker.flat = flat
             found, tripod = _standing(tracker, few, scale)
-            if found.sum() >= FEWEST and (tripod or wide(features[found], reference.shape)):
+            if tripod:
                 return features[found]
-            narrow = narrow if narrow.any() else found
-        features = features[~narrow]
+            most = found if found.sum() > most.sum() else most
+        if most.sum() >= FEWEST and wide(features[most], reference.shape):
+            return features[most]
+        features = features[~most]
     return None
 
 
@@ -158,10 +160,12 @@ def is_flat(tracker: FeatureTracker, few: list[Picture], scale: float) -> bool:
     return bool(deep > FLATTER * flat)
 
 
-def wide(features: NDArray[np.float32], shape: tuple[int, ...]) -> bool:
-    """Whether features (features, 2) span enough of a picture's shape to tell more than a shift."""
+def wide(features: NDArray[np.float32], shape: tuple[int, ...], share: float = WIDE) -> bool:
+    """Whether features (features, 2) span a share of a picture's shape along both axes; the usual one tells more than a
+    shift.
+    """
     low, high = np.percentile(features, [5, 95], axis=0)
-    return bool((high[0] - low[0] > WIDE * shape[1]) and (high[1] - low[1] > WIDE * shape[0]))
+    return bool((high[0] - low[0] > share * shape[1]) and (high[1] - low[1] > share * shape[0]))
 
 
 def moved(poses: NDArray[np.float64], places: NDArray[Any]) -> NDArray[np.float64]:

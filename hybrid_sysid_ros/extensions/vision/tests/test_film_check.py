@@ -17,6 +17,7 @@ import cv2
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.vision.camera.film import write_film
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
 from hybrid_sysid_ros.extensions.vision.reading.film_check import Finding, film_check
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView, squared, squaring
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -118,3 +119,20 @@ def test_four_marks_make_a_view_square() -> None:
     assert np.abs(squared(oblique, square)[inside].astype(float) - upright[inside]).mean() < 4.0
     with pytest.raises(UserError, match="clockwise"):
         squaring(MARKS[::-1], (1.0, 1.0))
+
+
+def test_a_camera_that_moved_is_taken_out_with_the_time_of_the_films_own_rows() -> None:
+    """What it did not show is as in the reference, and moves with nothing."""
+    reference = np.random.default_rng(0).integers(0, 200, (60, 80), dtype=np.uint8)
+    poses = np.tile(np.eye(3), (2, 1, 1))
+    poses[1, :2, 2] = 4.0, 3.0  # what was at a place is 4 pixels to the right and 3 below
+    motion = CameraMotion(
+        poses=poses, shake=3.0, farthest=5.0, roll=0.0, deviation=0.01, roll_deviation=1e-5, reference=reference,
+        features=np.zeros((0, 2), dtype=np.float32),
+    )  # fmt: skip
+    shifted = np.zeros_like(reference)
+    shifted[3:, 4:] = reference[:-3, :-4]
+    assert (motion.taken_out(shifted, 1)[:-4, :-5] == reference[:-4, :-5]).all()
+    assert (motion.taken_out(shifted, 1)[-2:] == reference[-2:]).all()
+    view = FilmView(path=Path("film.mp4"), motion=motion)
+    assert view.film_rows(40.0, np.array([20.0, 20.0])).tolist() == [20.0, 23.0]
