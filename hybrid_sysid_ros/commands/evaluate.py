@@ -21,7 +21,7 @@ from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
-from hybrid_sysid_ros.identification.validation.input_bias import Adapted, adapt
+from hybrid_sysid_ros.identification.validation.input_bias import Adapted, adapt_model
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
 from hybrid_sysid_ros.identification.validation.run_quality import RunQuality, run_quality
 from hybrid_sysid_ros.identification.validation.scores import free_run, scores_of_run
@@ -181,9 +181,9 @@ def _show(found: _Findings, rig: Rig, seconds: float) -> None:
 def _adapted(model: Model, records: Sequence[Record], part: Part, rig: Rig, seconds: float) -> dict[str, Adapted]:
     """By record, the free run with a bias from the first seconds; empty for no seconds."""
     low, high = rig.limits
-    given: dict[str, Any] = {"sampling": model.sampling, "spans": high - low, "seconds": seconds}
+    given: dict[str, Any] = {"spans": high - low, "seconds": seconds}
     try:
-        return {r.name: adapt(model.system, part.of(r, model.sampling), **given) for r in (records if seconds else ())}
+        return {r.name: adapt_model(model, part.of(r, model.sampling), **given) for r in (records if seconds else ())}
     except UnstableError as error:
         raise UserError(f"{error}: leave out --adapt") from error
 

@@ -197,12 +197,14 @@ def bias_table(biases: Mapping[str, dict[str, Any]], rig: Rig, seconds: float) -
     several = len(names) > 1
     error = "RMSE" if several else f"RMSE [{rig.display[0].unit}]"
     columns = ["record", *(["output"] if several else []), *(f"bias of {name} [{units[name]}]" for name in units)]
-    columns += ["R2 without", error, "R2 with", error]
+    columns += ["held", "R2 without", error, "R2 with", error]
     table = Table(*columns, title=f"free run after {seconds:g} s, without and with the bias of those {seconds:g} s")
     for record, values in biases.items():
-        bias = [f"{value:.4g}" for value in values["bias"].values()]
+        found = values["estimated"], values["deviation"]
+        bias = [f"{found[0][name]:.3g} ±{found[1][name]:.2g}" for name in units]
         for index, name in enumerate(names):
-            shown, cells = rig.display[index], [record, *([name] if several else []), *bias]
+            held = values["reason"] or ", ".join(f"{value:.3g}" for value in values["bias"].values())
+            shown, cells = rig.display[index], [record, *([name] if several else []), *bias, held]
             for which in ("without", "adapted"):
                 own = values[which].get("outputs", {}).get(name, values[which])
                 rmse = f"{float(shown.shown(own['rmse'])):.4g}{f' {shown.unit}' if several else ''}"

@@ -104,6 +104,15 @@ class Model:
         """Number of free parameters and weights of the learned part."""
         return len({*self.names} | {f"weight_{index}" for index in range(len(self.system.weights))})
 
+    def was_trained_on(self, digest: str, start: float, stop: float) -> bool | None:
+        """Whether a part of a record, between fractions of it, overlaps with the training data; None where digests are
+        missing.
+        """
+        if not digest or not self.records or not all(entry.get("sha256") for entry in self.records):
+            return None
+        parts = [entry.get("part", (0.0, 1.0)) for entry in self.records if entry["sha256"] == digest]
+        return any(first < stop and start < last for first, last in parts)
+
     def save(self, folder: Path | str) -> None:
         """Write the model folder; see :mod:`~hybrid_sysid_ros.models.storage`."""
         errors = self.standard_errors

@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -186,7 +185,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
                 display=rig.display[k],
                 digest=record.digest,
                 part=part,
-                seen=_seen(model, record, part),
+                seen=model.was_trained_on(record.digest, part.start, part.stop),
                 scores=score(experiment.outputs[scored, k], whole[scored, k]),
                 time=used.time,
                 measured=used.output[:, k],
@@ -216,18 +215,6 @@ def provenance(model: Model, command: str, *, hashes: Mapping[str, str] | None =
         found[f"training, {entry.get('name', '?')} {start:g} to {stop:g}"] = str(entry.get("sha256", ""))
     known = {**versions(), "Python": platform.python_version(), "system": f"{platform.system()} {platform.machine()}"}
     return Provenance(command=command, hashes={**found, **(hashes or {})}, versions=known)
-
-
-def _seen(model: Model, record: Record, part: Part) -> bool | None:
-    """Whether a part of a record overlaps with the model's training data; None where this is unknown."""
-
-    def overlaps(entry: Mapping[str, Any]) -> bool:
-        start, stop = entry.get("part", (0.0, 1.0))
-        return bool(entry["sha256"] == record.digest and start < part.stop and part.start < stop)
-
-    if not record.digest or not model.records or not all(entry.get("sha256") for entry in model.records):
-        return None
-    return any(overlaps(entry) for entry in model.records)
 
 
 def _further(name: str) -> str:

@@ -16,6 +16,7 @@ NEIGHBOURS = {
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
+    "promotion": ("promote",),
     "experiment_design": ("design",), "record_check": ("check-record",), "recurrent": ("recurrent",),
     "search": ("search",),
     "state_space": ("state_space",), "trim": ("trim",),
