@@ -29,6 +29,7 @@ FARTHEST = 0.15  # widths: how far a camera may look elsewhere
 DISPLACED = 1.5  # pixels of 640: a camera that looks farther beside was moved, and sees the joint otherwise
 ROLLS = 0.02  # rad rms: what rolls more may be the joint,
 ALL_OVER = 0.7  # unless it spans so much of the picture along each axis
+LEVER = 0.3  # of the width: the distance over which few features tell how the camera rolls
 MANY = 40  # features: a few are easily lost, so many only with the place
 LOST = 0.2  # share of the pictures in which the camera's motion may be unknown
 TimedPictures = Callable[[], Iterator[tuple[float, Picture]]]
@@ -177,8 +178,10 @@ def _deviations(tracker: FeatureTracker, few: list[Picture], scale: float) -> tu
         looks = moved(known, _looks(tracker.reference.shape))
         places.append(looks[:, 0] - looks[:, 0].mean(axis=0))
         rolls.append(_rolls(looks) - _rolls(looks).mean())
-    if not places:
-        return 0.0, 0.0
+    if not places:  # too few in some part: as if their errors were independent, at the sides half as well
+        residuals = [tracker.pose(picture, np.eye(3), scale)[1] for picture in few]
+        place = 2.0 * float(np.nanmedian(residuals)) / np.sqrt(len(tracker.features))
+        return place, place / (LEVER * columns)
     # what is the same in all pictures is the reference's own error, which is a gauge
     place, roll = (np.var(changes, axis=0).mean(axis=0).sum() for changes in (places, rolls))
     return float(np.sqrt((len(parts) - 1) * place)), float(np.sqrt((len(parts) - 1) * roll))
