@@ -56,7 +56,7 @@ def recorded(rig: Rig, kind: str, *, seed: int, seconds: float) -> Record:
 
 def fitted(rig: Rig, record: Record) -> Model:
     """A gray box of one record."""
-    return identify([record], rig, "gray", sampling=given_sampling(None, rig))
+    return identify([record], rig, "gray", sampling=given_sampling(None, rig), refine=True)
 
 
 @cache

@@ -9,17 +9,12 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
-from hybrid_sysid_ros.extensions.experiment_design.search import Bench, exchanged
+from hybrid_sysid_ros.extensions.experiment_design.search import POINTS, Bench, exchanged
 from hybrid_sysid_ros.extensions.experiment_design.segments import PlanSegment
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-POINTS = 3
-"""Systems at which the information is taken, the model and two draws that mirror each other: at a corner of dry
-friction a derivative at one point alone promises what is not there.
-"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,10 +63,8 @@ def designed(
     knowledge, wanted = Knowledge.of(model), targets_of(model, parameters)
     fisher = Fisher.of(model, rig, knowledge.sizes)
 
-    def criterion(systems: Sequence[System], inputs: Array) -> float:
-        pairs = list(zip(systems, inputs, strict=True))[:POINTS]
-        found = [fisher.information(system, given) for system, given in pairs]
-        return float(np.mean([worst_of(knowledge, more, wanted) for more in found]))
+    def criterion(system: System, inputs: Array) -> float:
+        return worst_of(knowledge, fisher.information(system, inputs), wanted)
 
     plan = exchanged(bench, criterion, seed=seed, progress=progress)
     driving = bench.driving(plan)

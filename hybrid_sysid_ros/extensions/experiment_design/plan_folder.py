@@ -25,11 +25,11 @@ def save_plan(folder: Path, design: Design) -> None:
 
 def content(design: Design) -> dict[str, Any]:
     """What an experiment is, and what it will tell, as plain data."""
-    bench, length = design.bench, design.bench.seconds
+    bench = design.bench
     middle, half = bench.spans
     return {
         "rig": bench.rig.name,
-        "seconds": length,
+        "seconds": bench.seconds,
         "rate": round(1.0 / bench.period, 6),
         "deviations": {
             name: {"now": float(now), "expected": float(then)}
@@ -40,7 +40,7 @@ def content(design: Design) -> dict[str, Any]:
             name: {
                 "middle": float(middle[k]), "half": float(half[k]),
                 "segments": [
-                    {"start": round(number * length / len(row), 6), **item.content} for number, item in enumerate(row)
+                    {"start": round(number * bench.length, 6), **item.content} for number, item in enumerate(row)
                 ],
             }
             for k, ((name, _), row) in enumerate(zip(driving_columns(bench.rig), design.plan, strict=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +19,7 @@ TWEAK = 0.4
 """Deviation of the logarithm of a number that is changed."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlanSegment:
     """A signal over a stretch of time, in shares from -1 to 1."""
 
@@ -90,13 +89,3 @@ class SegmentLibrary:
 
     def _frequencies(self, count: int) -> Array:
         return np.exp(self.random.uniform(np.log(self.lowest), np.log(self.fastest), count))
-
-
-def joined(segments: Sequence[PlanSegment], times: Array, length: float) -> Array:
-    """Segments one after another at times [s], (samples,); the last one also holds at the very end."""
-    place = np.minimum((times / length + 1e-9).astype(int), len(segments) - 1)
-    found = np.empty(len(times))
-    for number, item in enumerate(segments):
-        own = place == number
-        found[own] = item.values(times[own] - number * length, length)
-    return found
