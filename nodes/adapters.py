@@ -7,8 +7,9 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from time import perf_counter
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from hybrid_sysid_ros.runtime.configuration import (
 )
 from hybrid_sysid_ros.runtime.controllers import controller_of, policy_folder
 from hybrid_sysid_ros.runtime.estimators import estimator_of
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -54,6 +56,22 @@ def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, ModelSource]
     return estimator_model(rig, load(folder, rig=rig.source)), source
 
 
+class LoopCheck(Protocol):
+    """What an extension watches in a running loop."""
+
+    def see(self, estimate: StateEstimate, applied: Array) -> None:
+        """Take an estimate, and the inputs (m,) that acted."""
+
+    def report(self) -> tuple[str, Mapping[str, object]]:
+        """What is wrong, "" for nothing, and values for the diagnostics."""
+
+
+def loop_checks(model: Model, settings: Mapping[str, Any]) -> list[LoopCheck]:
+    """The checks of all extensions that have one for a model and the estimator's parameters."""
+    made = (make(model, settings) for make in extensions.provided("loop_checks").values())
+    return [check for check in made if check is not None]
+
+
 class EstimatorAdapter:
     """An estimator with the layouts of its measurements and estimates. It is made beside a loop that uses another one.
 
@@ -73,6 +91,7 @@ class EstimatorAdapter:
         self.inputs, self.commanded = Slots(layout.inputs, bounds=bounds), np.full(len(bounds), math.nan)
         """Of commands, the newest one of which (m,) acts where a measurement does not say what does; NaN: unknown."""
         self.estimator = estimator_of(rig, system, settings)
+        self._checks_of = partial(loop_checks, model, dict(settings))
         self._further = layout.further
         self._kept = round(WINDOW * settings["rate"])
         self._writer = JointWriter(Slots(layout.estimate(tuple(self.estimator.tuning.followed))), signature)
@@ -86,6 +105,8 @@ class EstimatorAdapter:
         self.estimator.begin()
         self.innovations: deque[float] = deque(maxlen=self._kept)
         self.parameters: Mapping[str, float] = {}
+        self.checks = self._checks_of()
+        """What extensions watch in a running loop."""
 
     def see(self, measured: Sequence[Measured]) -> None:
         """Use measurements that another adapter has answered, to continue from its state."""
@@ -115,6 +136,8 @@ class EstimatorAdapter:
         if math.isfinite(estimate.normalised_innovation):
             self.innovations.append(estimate.normalised_innovation)
         self.parameters = dict(zip(self.estimator.tuning.followed, estimate.parameters, strict=True))
+        for check in self.checks:
+            check.see(estimate, self.applied)
 
 
 class ControllerAdapter:

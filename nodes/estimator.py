@@ -267,19 +267,22 @@ class EstimatorNode(RigNode):
         count = len(innovations)
         low, high = band(max(count, 1), len(self.names))
         mean = math.fsum(innovations) / count if count else math.nan
-        values = {
+        values: dict[str, object] = {
             "innovation_mean_square": mean,
             "innovation_band_low": low,
             "innovation_band_high": high,
             "doubt": self.adapter.estimator.doubt,
             **{f"parameter_{name}": value for name, value in parameters.items()},
         }
+        reports = [check.report() for check in self.adapter.checks]
+        for _, further in reports:
+            values.update(further)
         worse = mean / high if count else 0.0
         level = ERROR if worse > self.settings["innovation_error"] else OK
         if level == OK and worse > self.settings["innovation_warn"]:
             level = WARN
         message = "running" if level == OK else f"innovations {worse:.1f} times as large as the model says"
-        if (doubt := self.doubted()) and level == OK:
+        if (doubt := self.doubted() or "; ".join(words for words, _ in reports if words)) and level == OK:
             level, message = WARN, doubt
         return Task(name="model", level=level, message=message, values=values)
 

@@ -8,6 +8,7 @@ EXTENSION = Extension(
     summary="Where a run leaves what its model was trained on.",
     provides={
         "training_notes": {"trained_range": f"{HERE}.trained_range:noted"},
+        "loop_checks": {"trained_range": f"{HERE}.live:live_range_of"},
         "use_checks": {"trained_range": f"{HERE}.use:checked"},
     },
 )

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +14,10 @@ import yaml
 from scipy.signal import lfilter
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.trained_range.live import live_range_of
 from hybrid_sysid_ros.extensions.trained_range.trained_range import WRONGLY, TrainedRange
 from hybrid_sysid_ros.extensions.trained_range.words import reason
-from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models import Sampling, load
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from tests.one_joint import Linear
 
@@ -115,3 +119,20 @@ def test_evaluate_says_before_all_else_whether_a_model_was_trained_for_a_record(
     _, out, _ = command("evaluate", linear_model, bags / "beam_random_steps", "--json")
     found = json.loads(out)["records"]["beam_random_steps"]["trained_range"]
     assert found["verdict"] in found["sentence"]
+
+
+def test_a_loop_is_told_where_it_leaves_what_its_model_was_trained_on(linear_model):
+    """Estimates of a beam that rests for long, which no multisine does."""
+    model = load(linear_model)
+    found = live_range_of(model, {"rate": 100.0})
+    assert found is not None
+    still: Any = SimpleNamespace(state=np.zeros(len(model.system.states)), disturbance=np.zeros(1))
+    for _ in range(300):
+        found.see(still, np.zeros(1))
+    assert found.report()[0] == ""
+    for _ in range(600):
+        found.see(still, np.zeros(1))
+    words, values = found.report()
+    assert words == "no rest of position for 2.5 s was trained on"
+    assert values["untrained_share"] == 1.0
+    assert live_range_of(replace(model, fit={}), {"rate": 100.0}) is None
