@@ -52,7 +52,7 @@ def steady_angles(
     freely = np.array([[row.angle, row.deviation, row.row, row.x, row.y, row.beside] for row in free])
     known = np.isfinite(about[:, 0]) & np.isfinite(freely).all(axis=1)
     pixel = layers.background.shape[1] / 640.0
-    wander, unsteady = _wander(freely[known], pixel) if known.sum() >= ENOUGH else (0.0, 0.0)
+    wander, unsteady = _wander(times[known], freely[known], pixel) if known.sum() >= ENOUGH else (0.0, 0.0)
     if wander > WANDERS * pixel and motion is None:
         raise UserError(
             f"the camera shakes: the joint's pivot moves by {wander:.2g} pixels in the pictures, rms, and too little "
@@ -106,9 +106,9 @@ def _apart(about: Array, free: Array) -> float:
     return share * max(float(np.median(beyond)) / CHI_SQUARE, 0.0)
 
 
-def _wander(free: Array, pixel: float) -> tuple[float, float]:
+def _wander(times: Array, free: Array, pixel: float) -> tuple[float, float]:
     """How far the place moves, rms, without outliers, a pivot that is off, and what its own deviation is; and the same
-    of what is new in each picture.
+    of what is new in each picture, as errors are, but not a joint that is nearer than the wall.
     """
     angles, moves = free[:, 0], free[:, 3:5]
     regressors = np.column_stack([np.ones(len(angles)), np.cos(angles), np.sin(angles)])
@@ -118,7 +118,6 @@ def _wander(free: Array, pixel: float) -> tuple[float, float]:
         left = np.hypot(*(moves - regressors @ fitted).T)
         used = left <= OUTLIER * max(float(np.median(left)), 0.01 * pixel)
     own = float(np.mean(free[used, 5] ** 2))
-    new = np.diff(moves - regressors @ fitted, axis=0)[used[1:] & used[:-1]]
+    new = sum(scatter(times, along) ** 2 for along in (moves - regressors @ fitted).T)
     excess = float(np.mean(left[used] ** 2)) - own
-    changing = 0.5 * float(np.mean((new**2).sum(axis=1))) - own if len(new) else 0.0
-    return float(np.sqrt(max(excess, 0.0))), float(np.sqrt(max(changing, 0.0)))
+    return float(np.sqrt(max(excess, 0.0))), float(np.sqrt(max(new - own, 0.0)))
