@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.experiment_design.cells import Cells
 from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
 from hybrid_sysid_ros.extensions.experiment_design.search import POINTS, Bench, exchanged
 from hybrid_sysid_ros.extensions.experiment_design.segments import PlanSegment
+from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -35,6 +38,8 @@ class Design:
     """Standard deviations of the free numbers now, in their units, (free,)."""
     after: Array
     """What is expected after the experiment, (free,)."""
+    visits: tuple[int, int, int] | None = None
+    """Cells that records have visited, new ones of the experiment, and all, where it is for these."""
 
 
 def targets_of(model: Model, parameters: Sequence[str]) -> list[int]:
@@ -52,18 +57,24 @@ def targets_of(model: Model, parameters: Sequence[str]) -> list[int]:
 
 def designed(
     model: Model, rig: Rig, *, seconds: float, period: float, amplitude: float = 0.9, parameters: Sequence[str] = (),
-    seed: int = 0, progress: Callable[[int, int], None] = lambda done, most: None,
+    records: Sequence[Record] = (), seed: int = 0, progress: Callable[[int, int], None] = lambda done, most: None,
 ) -> Design:  # fmt: skip
     """The experiment that makes the largest relative deviation of parameters small (of all, or the named ones).
 
     seconds: its length. period: from one sample of the drive to the next [s]. amplitude: share of the limits that is
-    used. Raises UserError where the model does not fit this, see :class:`~.search.Bench`.
+    used. records: those that the model is from; if some are given, the experiment visits as many cells of states and
+    inputs as it can which they have not, whatever it says of parameters. Raises UserError where the model does not
+    fit this, see :class:`~.search.Bench`.
     """
     bench = Bench(model=model, rig=rig, seconds=seconds, period=period, amplitude=amplitude)
     knowledge, wanted = Knowledge.of(model), targets_of(model, parameters)
     fisher = Fisher.of(model, rig, knowledge.sizes)
 
+    cells = Cells.of(model, rig, [experiment_of(model, record) for record in records]) if records else None
+
     def criterion(system: System, inputs: Array) -> float:
+        if cells is not None:
+            return -float(cells.new(system, inputs))
         return worst_of(knowledge, fisher.information(system, inputs), wanted)
 
     plan = exchanged(bench, criterion, seed=seed, progress=progress)
@@ -72,6 +83,7 @@ def designed(
     return Design(
         bench=bench, plan=plan, driving=driving, inputs=inputs, outputs=outputs, names=model.names,
         before=knowledge.deviations(), after=expected(bench, fisher, knowledge, driving),
+        visits=None if cells is None else (len(cells.visited), cells.new(bench.systems[0], inputs), cells.total),
     )  # fmt: skip
 
 

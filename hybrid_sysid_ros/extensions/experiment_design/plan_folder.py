@@ -26,11 +26,13 @@ def save_plan(folder: Path, design: Design) -> None:
 def content(design: Design) -> dict[str, Any]:
     """What an experiment is, and what it will tell, as plain data."""
     bench = design.bench
+    cells = {} if design.visits is None else dict(zip(("visited", "new", "all"), design.visits, strict=True))
     middle, half = bench.spans
     return {
         "rig": bench.rig.name,
         "seconds": bench.seconds,
         "rate": round(1.0 / bench.period, 6),
+        **({"cells": cells} if cells else {}),
         "deviations": {
             name: {"now": float(now), "expected": float(then)}
             for name, now, then in zip(design.names, design.before.tolist(), design.after.tolist(), strict=True)

@@ -11,6 +11,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.experiment_design.design import Design, designed
@@ -43,6 +44,10 @@ def command(
     rate: Annotated[
         float | None, typer.Option(help="Samples of the drive per second [Hz]; the rate of the rig's loop by default.")
     ] = None,
+    visit: Annotated[
+        list[Path] | None,
+        typer.Option(help="Bag that the model is from, may be repeated: go where these have not been, instead."),
+    ] = None,
     seed: terminal.Seed = 0,
     done: Annotated[
         Path | None, typer.Option(help="Bag of an experiment that was done: say what it has shown.")
@@ -56,11 +61,14 @@ def command(
         check_folder(out, marker=SHEET, replace=overwrite)
     known = load_model(model, rig=rig)
     described = load_rig(rig or known.rig)
+
+    def read(path: Path) -> Record:
+        return checked_bag(path, described, signals=signals, period=0.0, recover=False, doubtful=status.print)
+
     if done is not None:
         if out is not None:
             raise UserError("--done says what a record has shown, and designs nothing: leave --out out")
-        record = checked_bag(done, described, signals=signals, period=0.0, recover=False, doubtful=status.print)
-        _show_gain(gained(known, described, record), as_json)
+        _show_gain(gained(known, described, read(done)), as_json)
         return
     hertz = float(defaults(described, "plant")["rate"]) if rate is None else rate
     if not 0.0 < hertz <= 1e5:
@@ -69,6 +77,7 @@ def command(
     with progress_bars(status) as update:
         found = designed(
             known, described, seconds=seconds, period=1.0 / hertz, amplitude=amplitude, parameters=names, seed=seed,
+            records=[read(path) for path in visit or ()],
             progress=lambda count, most: update("trials", count, most),
         )  # fmt: skip
     if out is not None:
@@ -89,6 +98,9 @@ def _show(found: Design, wanted: Sequence[str]) -> None:
         if name in units and (not wanted or name in wanted):
             table.add_row(name, f"{now:.2g}", f"{then:.2g}", units[name])
     print_table(table)
+    if found.visits is not None:
+        visited, new, total = found.visits
+        console.print(f"cells of states and inputs: the bags have visited {visited} of {total}, this adds {new}")
     for (low, high), item, shown, values in zip(
         found.bench.rig.reach.T, found.bench.rig.system.outputs, found.bench.rig.display, found.outputs.T, strict=True
     ):

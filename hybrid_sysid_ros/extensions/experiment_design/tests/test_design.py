@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, simulate
 from hybrid_sysid_ros.extensions.experiment_design import search
 from hybrid_sysid_ros.extensions.experiment_design.design import designed, expected
 from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
@@ -144,3 +145,20 @@ def test_what_can_not_be_designed_for_is_refused() -> None:
     loose = rig(experiments=Experiments(loops={0: ExperimentLoop(output=0, gain=0.5)}))
     with pytest.raises(UserError, match="the reference of a loop has no limits: declare travel of level"):
         designed(model(), loose, seconds=8.0, period=STEP)
+
+
+@pytest.mark.usefixtures("short")
+def test_an_experiment_goes_where_records_have_not_been() -> None:
+    """Of a record whose valve was never closed half, the cells of (level, valve) with u < 0 are new."""
+    times = np.arange(801, dtype=np.float64) * STEP
+    given = 0.5 + 0.5 * np.sin(times)
+    states = simulate(Lag(), np.zeros(1), given[1:, None], step=STEP)
+    record = Record(name="open", time=times, input=given[:, None], output=states)
+    walled = rig(travel=np.array([[-2.5], [2.5]]))
+    found = designed(model(), walled, seconds=8.0, period=STEP, amplitude=1.0, records=[record])
+    assert found.visits is not None
+    visited, new, total = found.visits
+    assert total == 64
+    assert 0 < visited < 32
+    assert new > 12
+    assert found.inputs.min() < -0.5
