@@ -88,7 +88,7 @@ def test_noise_has_the_deviation_that_was_asked_for() -> None:
     assert corner.mean() == pytest.approx(51.0, abs=0.1)
 
 
-@pytest.mark.parametrize("name", ["cam_beam", "flexible_joint", "wheel_motor"])
+@pytest.mark.parametrize("name", ["cam_beam", "flexible_joint", "wheel_motor", "drill_string"])
 def test_rigs_have_a_picture_in_which_their_joint_moves(name: str) -> None:
     scene = scene_of(load(name))
     one, other = (_picture(np.full(len(TIMES), angle), scene=scene) for angle in (0.0, 0.1))
@@ -97,7 +97,7 @@ def test_rigs_have_a_picture_in_which_their_joint_moves(name: str) -> None:
 
 def test_a_rig_without_a_scene_says_so() -> None:
     with pytest.raises(UserError, match="no section scene"):
-        scene_of(load("drill_string"))
+        scene_of(load("winged_cone"))
 
 
 @pytest.mark.parametrize(
