@@ -32,7 +32,7 @@ def checked(model: Model, experiment: PreparedRecord, run: Array) -> dict[str, A
     away = trained.outside(run, inputs)
     share = float(np.mean(away[past:]))
     verdict = "not trained" if share >= NOT else "partly trained" if share >= PARTLY else "trained"
-    words = f"{experiment.name}: {verdict}: {100.0 * (1.0 - share):.0f} % of the run are like what the model has seen"
+    words = f"{experiment.name}: {verdict}: {100.0 * (1.0 - share):.0f} % of the run is like what the model has seen"
     lasting, since = np.convolve(away, np.ones(LASTING), mode="valid") >= LASTING / 2, None
     if verdict != "trained" and lasting.any():
         since = float(np.argmax(away & (np.arange(len(away)) >= np.argmax(lasting)))) * period

@@ -26,8 +26,8 @@ SPREAD, LEAST = 0.01, 0.0015
 the least one, since few training records may have been alike.
 """
 
-KNOWN = 0.5
-"""Share of its prior deviation below which a bias is known."""
+KNOWN, CLEAR = 0.5, 2.0
+"""Share of its prior deviation below which a bias is known, and its deviations from none above which it is one."""
 
 CORRELATION_SECONDS = 1.0
 """Free-run errors are slow: so many seconds of them count as one observation."""
@@ -82,8 +82,8 @@ def adapt(
 
     Both free runs begin at the end of the first seconds, in the measured state, or in that of the simulation so far for
     states that the record does not show. Nothing after that moment is used, and both are scored on the same samples.
-    LASTS of the bias is held where it is known, and where that of each half of these seconds makes the run over the
-    other half better.
+    LASTS of the bias is held where it is known and clearly not zero, and where that of each half of these seconds makes
+    the run over the other half better.
 
     prior: deviation of each bias, (inputs,). error: that of each output's free run in training, (outputs,), which no
     bias explains. Raises UserError for a record without twenty samples before that moment and ten after it, and for an
@@ -98,14 +98,17 @@ def adapt(
             f"{20 * sampling.period:g} s, the rest {10 * sampling.period:g} s; adapt on another time"
         )
     check_free_run(system, prepare(record, system, sampling))
-    seen, given = record.between(0, cut * every + 1), {"sampling": sampling, "prior": prior, "error": error}
+    seen = record.between(0, cut * every + 1)
+    given: dict[str, Any] = {"sampling": sampling, "prior": prior, "error": error}
     estimated, deviation = estimate(system, seen, **given)
-    reason = ""
+    reason, used = "", (deviation < KNOWN * prior) & (np.abs(estimated) > CLEAR * deviation)
     if not np.any(deviation < KNOWN * prior):
         reason = "these seconds do not tell it"
+    elif not used.any():
+        reason = "it may be none"
     elif not _borne_out(system, record, cut, every, given):
         reason = "one half of these seconds does not bear out the other's"
-    bias = np.where((deviation < KNOWN * prior) & (reason == ""), LASTS * estimated, 0.0)
+    bias = np.where(used & (reason == ""), LASTS * estimated, 0.0)
     none = np.zeros(len(bias))
     without, adapted = (_rest(system, record, seen, cut, value, sampling) for value in (none, bias))
     return Adapted(

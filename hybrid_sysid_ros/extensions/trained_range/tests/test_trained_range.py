@@ -136,3 +136,12 @@ def test_a_loop_is_told_where_it_leaves_what_its_model_was_trained_on(linear_mod
     assert words == "no rest of position for 2.5 s was trained on"
     assert values["untrained_share"] == 1.0
     assert live_range_of(replace(model, fit={}), {"rate": 100.0}) is None
+
+
+def test_a_report_shows_the_runs_on_a_map_of_what_was_trained_on(command, linear_model, tmp_path):
+    page = tmp_path / "page.html"
+    status, _, error = command("evaluate", linear_model, ROOT / "bags" / "beam_swept_sine", "--report", page)
+    assert status == 0, error
+    text = page.read_text(encoding="utf-8")
+    assert 'id="further-trained_range"' in text
+    assert "mean speed of position over 2.5 s" in text
