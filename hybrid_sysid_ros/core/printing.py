@@ -25,7 +25,7 @@ PRELUDE = '''"""Printed from {name}, linked with sources of digest {digest}; mad
 import math
 
 from hybrid_sysid_ros.core.call import JACOBIAN, VALUE, compiled, inner
-from hybrid_sysid_ros.core.registers import scratch
+from hybrid_sysid_ros.core.registers import scratch, select
 '''
 
 _FUNCTIONS = (
@@ -50,17 +50,17 @@ _OPERATIONS = {
     casadi.OP_POW: "{0} ** {1}",
     casadi.OP_CONSTPOW: "{0} ** {1}",
     casadi.OP_FABS: "abs({0})",
-    casadi.OP_SIGN: "(1.0 if {0} > 0.0 else (-1.0 if {0} < 0.0 else 0.0))",
-    casadi.OP_FMIN: "({0} if {0} < {1} else {1})",
-    casadi.OP_FMAX: "({0} if {0} > {1} else {1})",
-    casadi.OP_LT: "(1.0 if {0} < {1} else 0.0)",
-    casadi.OP_LE: "(1.0 if {0} <= {1} else 0.0)",
-    casadi.OP_EQ: "(1.0 if {0} == {1} else 0.0)",
-    casadi.OP_NE: "(1.0 if {0} != {1} else 0.0)",
-    casadi.OP_NOT: "(1.0 if {0} == 0.0 else 0.0)",
-    casadi.OP_AND: "(1.0 if {0} != 0.0 and {1} != 0.0 else 0.0)",
-    casadi.OP_OR: "(1.0 if {0} != 0.0 or {1} != 0.0 else 0.0)",
-    casadi.OP_IF_ELSE_ZERO: "({1} if {0} != 0.0 else 0.0)",
+    casadi.OP_SIGN: "select({0} > 0.0, 1.0, select({0} < 0.0, -1.0, 0.0))",
+    casadi.OP_FMIN: "select({0} < {1}, {0}, {1})",
+    casadi.OP_FMAX: "select({0} > {1}, {0}, {1})",
+    casadi.OP_LT: "select({0} < {1}, 1.0, 0.0)",
+    casadi.OP_LE: "select({0} <= {1}, 1.0, 0.0)",
+    casadi.OP_EQ: "select({0} == {1}, 1.0, 0.0)",
+    casadi.OP_NE: "select({0} != {1}, 1.0, 0.0)",
+    casadi.OP_NOT: "select({0} == 0.0, 1.0, 0.0)",
+    casadi.OP_AND: "select({0} != 0.0, select({1} != 0.0, 1.0, 0.0), 0.0)",
+    casadi.OP_OR: "select({0} != 0.0, 1.0, select({1} != 0.0, 1.0, 0.0))",
+    casadi.OP_IF_ELSE_ZERO: "select({0} != 0.0, {1}, 0.0)",
 }
 
 

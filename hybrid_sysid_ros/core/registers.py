@@ -86,6 +86,16 @@ def scratch(typingctx, numbers):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def select(typingctx, test, number, other):  # type: ignore[no-untyped-def]
+    """One of two numbers, both of which are known: a branch for each takes numba far longer to compile."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.select(*arguments)
+
+    return types.float64(types.boolean, types.float64, types.float64), build
+
+
+@intrinsic
 def behind(typingctx, memory, at):  # type: ignore[no-untyped-def]
     """The memory of an array or a scratch from ``at`` on."""
 
