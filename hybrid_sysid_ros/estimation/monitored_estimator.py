@@ -40,7 +40,7 @@ class MonitorSettings:
     """When an estimate is doubted. See :class:`~.sensor_monitor.SensorMonitor` for the first four."""
 
     largest: Sequence[float]
-    least: float
+    least: Sequence[float]
     leave_after: float
     timeout: float
     frozen_after: float

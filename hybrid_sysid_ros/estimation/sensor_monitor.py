@@ -25,9 +25,9 @@ MISSING = 2.0
 """Evidence that a sensor gives which shows nothing, where the others do not tell the state."""
 AGREES = 0.5
 """Share of the largest mean square within which a sensor that was left out agrees with the estimate again."""
-BLAMELESS = 10.0
+BLAMELESS = 3.0
 """Time [s] for which the other sensors must have been beyond doubt before one is left out: where two contradict the
-model at once, it is more likely that the model or an actuator is wrong."""
+model at once, it is more likely that the model or an actuator is wrong. One after the other may well fail."""
 STILL = 0.05
 """Share of the variance that differences of white noise have, below which a sensor is frozen."""
 ENOUGH = 20
@@ -99,13 +99,13 @@ class SensorMonitor:
         noise: Sequence[float],
         *,
         largest: Sequence[float],
-        least: float,
+        least: Sequence[float],
         leave_after: float,
         timeout: float,
         covered: Sequence[bool] = (),
     ) -> None:
-        """spare: see :func:`spare_sensors`. noise: deviation of each sensor with its hum [output unit]. largest
-        (outputs,), least: mean squares that are still plausible; least 0: none is too small. leave_after, timeout [s]:
+        """spare: see :func:`spare_sensors`. noise: deviation of each sensor with its hum [output unit]. largest,
+        least (outputs,): mean squares that are still plausible; least 0: none is too small. leave_after, timeout [s]:
         of suspicion, and without a reading after which a sensor counts as missing. covered: outputs that a further
         channel shows, too.
         """
@@ -113,7 +113,7 @@ class SensorMonitor:
         self._covered = list(covered) or [False] * count
         self.left_out, self.counts = [False] * count, [0] * count
         self._spare, self._noise = list(map(bool, spare)), list(noise)
-        self._largest, self._least = list(largest), least
+        self._largest, self._least = list(largest), list(least)
         self._leave_after, self._timeout = leave_after, timeout
         self._suspicion = [Suspicion(2.0 * leave_after) for _ in noise]
         self._silent, self._blamed = [0.0] * count, [BLAMELESS] * count
@@ -148,6 +148,9 @@ class SensorMonitor:
                     self._blamed[k] = 0.0
         if any(self.left_out) and self._is_vain():
             self.readmit()
+            self._blamed = [0.0] * len(
+                self._blamed
+            )  # the model or an actuator is to blame: none is left out for a while
         worst = max(range(len(self.evidence)), key=lambda k: self._suspicion[k].seconds if self._spare[k] else -1.0)
         if self._suspicion[worst].seconds >= self._leave_after and self._may_leave(worst):
             self.left_out[worst], self.evidence[worst] = True, 0.0
@@ -163,7 +166,7 @@ class SensorMonitor:
             square = min(square, LASTING * self._largest[k])  # so that it is forgotten soon
             self._long[k] += min(elapsed / LONG_AVERAGE, 1.0) * (square - self._long[k])
         large = self._large[k] = max(self._mean[k], LASTING * self._long[k]) / self._largest[k]
-        small = self._least / self._long[k] if self._long[k] > 0.0 else CLEAREST * (self._least > 0.0)
+        small = self._least[k] / self._long[k] if self._long[k] > 0.0 else CLEAREST * (self._least[k] > 0.0)
         return max(large, small)
 
     def _compare(self, k: int, reading: float, expected: float, elapsed: float) -> None:

@@ -9,7 +9,11 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import estimator_tuning
+from hybrid_sysid_ros.runtime.configuration import defaults, estimator_tuning
+
+FAR = 3.0
+"""Multiple of a sensor's noise in the rig's file from which on an assumed one may be far too large. Else innovations
+that are small are no reason to doubt: a simulated sensor may have no noise at all, and an encoder has none at rest."""
 
 
 def estimator_of(
@@ -19,9 +23,14 @@ def estimator_of(
 
     period, latency [s]: by default those of the settings. Raises UserError where parameters and model don't fit.
     """
+    known = zip(defaults(rig, "estimator")["measurement_noise"], rig.sensors, strict=True)
+    large = [FAR * max(noise, sensor.floor) for noise, sensor in known]
     monitoring = MonitorSettings(
         largest=settings["innovation_limit"],
-        least=settings["innovation_least"],
+        least=[
+            settings["innovation_least"] * (noise > most)
+            for noise, most in zip(settings["measurement_noise"], large, strict=True)
+        ],
         leave_after=settings["leave_out_after"],
         timeout=settings["sensor_timeout"],
         frozen_after=settings["frozen_after"],

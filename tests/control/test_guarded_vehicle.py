@@ -21,15 +21,15 @@ def vehicle():
     return rig, guarded_loop(rig, model, {"policy": "exact"})
 
 
-def flown(vehicle, seconds, *, offset=0.0, sign=1.0):
-    """States of the loop, and the plant in the end: with an offset of the elevator, and a sign of the pitch rate, from
-    BEGIN on.
+def flown(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0):
+    """States of the loop, the plant in the end, and the deflections: with an offset of the elevator, a sign of the
+    pitch rate, and one of the elevator, which is measured, from BEGIN on.
     """
     rig, loop = vehicle
     plant = Plant(rig, seed=3)
     loop.estimator.begin()
     loop.begin()
-    now, inputs, levels = np.zeros(len(rig.sensors)), loop.input.copy(), set()
+    now, inputs, levels, deflections = np.zeros(len(rig.sensors)), loop.input.copy(), set(), []
     for k in range(round(seconds / PERIOD)):
         late = k * PERIOD >= BEGIN
         readings = plant.sensed()
@@ -37,21 +37,31 @@ def flown(vehicle, seconds, *, offset=0.0, sign=1.0):
         plant.bias[1] = offset if late else 0.0
         estimate = loop.estimator.update(k * PERIOD, readings, inputs)
         inputs = loop.control(estimate, inputs, now, np.tile(now, (loop.controller.horizon, 1)), PERIOD).copy()
+        inputs[1] *= elevator if late else 1.0
+        deflections.append(abs(inputs[1]))
         levels.add(loop.level)
         for _ in range(rig.steps(PERIOD, "the period")):
             plant.advance(inputs)
-    return levels, plant
+    return levels, plant, np.array(deflections)
 
 
 @pytest.mark.parametrize("offset", [-0.009, 0.009])
 def test_an_offset_of_three_of_the_certificate_s_deviations_is_no_fault(vehicle, offset):
-    levels, plant = flown(vehicle, 3.0, offset=offset)
+    levels, plant, _ = flown(vehicle, 3.0, offset=offset)
     assert levels == {LoopState.DRIVING}
     assert abs(plant.state[ANGLE]) < 0.01
 
 
 def test_a_pitch_rate_of_the_wrong_sign_is_left_out_before_the_vehicle_is_lost(vehicle):
-    levels, plant = flown(vehicle, 3.0, sign=-1.0)
+    levels, plant, _ = flown(vehicle, 3.0, sign=-1.0)
     assert vehicle[1].estimator.monitor.counts == [0, 0, 0, 0, 1]
     assert LoopState.RESTING not in levels
     assert abs(plant.state[ANGLE]) < 0.01
+
+
+def test_a_flipped_elevator_is_tried_with_small_deflections(vehicle):
+    """The stabiliser would turn the vehicle over with an elevator of the wrong sign."""
+    levels, plant, deflections = flown(vehicle, BEGIN + 2.0, elevator=-1.0)
+    assert LoopState.RESTING in levels
+    assert abs(plant.state[ANGLE]) < 0.06
+    assert deflections[round((BEGIN + 0.1) / PERIOD) :].max() < 0.03

@@ -20,7 +20,13 @@ STEP = 0.005
 
 
 def monitor(spare=(True, True), **changes):
-    given = {"largest": [9.0] * len(spare), "least": 0.02, "leave_after": 0.05, "timeout": 0.1, **changes}
+    given = {
+        "largest": [9.0] * len(spare),
+        "least": [0.02] * len(spare),
+        "leave_after": 0.05,
+        "timeout": 0.1,
+        **changes,
+    }
     return SensorMonitor(spare, [1.0] * len(spare), **given)
 
 
@@ -133,7 +139,7 @@ def test_noise_that_is_assumed_far_too_large_is_evidence():
     found = monitor(spare=(False,))
     judge(found, [1e-6], steps=round(3.0 / STEP))
     assert found.doubt > 1.0
-    found = monitor(spare=(False,), least=0.0)
+    found = monitor(spare=(False,), least=[0.0])
     judge(found, [0.0], steps=round(3.0 / STEP))
     assert found.doubt < 1.0
 
@@ -157,7 +163,7 @@ def test_a_missing_sensor_that_a_camera_stands_in_for_is_not_missed():
 def test_the_blame_of_another_sensor_passes():
     found = monitor()
     judge(found, [1.0, 100.0], steps=8)
-    judge(found, [1.0, 1.0], steps=round(BLAMELESS / STEP) + 200)
+    judge(found, [1.0, 1.0], expected=np.zeros(2), steps=round(BLAMELESS / STEP) + 200)
     judge(found, [100.0, 1.0], steps=20)
     assert found.left_out[0]
 

@@ -71,9 +71,9 @@ class Failsafe:
         """The largest of all [s]."""
         return max(suspicion.seconds for suspicion in self._suspicions.values())
 
-    def suspects(self, name: str) -> bool:
-        """Whether a kind of evidence would be enough by itself for inputs at rest."""
-        return self._suspicions[name].seconds >= AGAIN * self.ladder.resting
+    def suspects(self, name: str, level: LoopState) -> bool:
+        """Whether a kind of evidence would be enough by itself to stay at a level of the ladder."""
+        return self._suspicions[name].seconds >= AGAIN * self.ladder[level - LoopState.SLOWED]
 
     def go_on(self, other: Failsafe) -> None:
         """Take over the level and the suspicions of another one with the same kinds of evidence."""

@@ -34,6 +34,9 @@ AVERAGE = 0.1
 RETURN = 0.3
 """Time [s] in which inputs get their whole range back: a sensor with the wrong sign looks right while a rig rests, and
 must show itself again before much has moved."""
+TRIAL = 0.025
+"""Share of half their range that inputs have, a stabiliser's among them, when an actuator in doubt is tried again: just
+enough to show what it makes of them. A flipped or disconnected one looks right at rest."""
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
 
 
@@ -97,7 +100,7 @@ class Guard:
         self.failsafe.reset()
         self.governor.release()
         self._recent[:], self._replaced[:] = self._middle, math.inf  # [s] ago; the newest one never was
-        self._row, self._share = 0, 1.0
+        self._row, self._share, self._tried = 0, 1.0, 1.0
         self._replaced[self._row] = -math.inf
         self._missed, self._asked = np.zeros(len(self._span)), np.zeros(len(self._span))
 
@@ -106,7 +109,8 @@ class Guard:
         self.failsafe.go_on(other.failsafe)
         self.governor, self._recent, self._row = other.governor, other._recent, other._row
         self._replaced = other._replaced
-        self._missed, self._asked, self._share = other._missed, other._asked, other._share
+        self._missed, self._asked = other._missed, other._asked
+        self._share, self._tried = other._share, other._tried
 
     def judge(self, doubt: float, without: float, applied: Array, state: Array, elapsed: float) -> LoopState:
         """The level from an estimate. doubt, without: of the estimator, NaN where it says nothing. applied (m,): inputs
@@ -123,6 +127,8 @@ class Guard:
         level = level if settings.act else LoopState.DRIVING
         slow = settings.slow_share
         self._share = slow if level else min(self._share + (1.0 - slow) * elapsed / RETURN, 1.0)
+        doubted = settings.act and self.failsafe.suspects(ACTUATOR, LoopState.HOLDING)
+        self._tried = TRIAL if doubted else min(self._tried + (1.0 - TRIAL) * elapsed / RETURN, 1.0)
         return level
 
     def within_reach(self, outputs: Array) -> Array:
@@ -151,13 +157,13 @@ class Guard:
         without which an unstable rig diverges.
         """
         if isinstance(controller, Cascade) and self.trusts_actuators and np.isfinite(state).all():
-            return controller.held(state)
+            return self._on_trial(controller.held(state))
         return rest
 
     @property
     def trusts_actuators(self) -> bool:
         """Whether a stabiliser may act while the loop rests: one whose inputs are not obeyed drives the rig away."""
-        return not self.failsafe.suspects(ACTUATOR)
+        return not self.failsafe.suspects(ACTUATOR, LoopState.RESTING)
 
     @property
     def reason(self) -> str:
@@ -179,12 +185,17 @@ class Guard:
     @property
     def slows(self) -> bool:
         """Whether inputs must stay near rest, now or still."""
-        return self._share < 1.0
+        return self._share < 1.0 or self._tried < 1.0
 
     def slowed(self, inputs: Array, rest: Array) -> Array:
         """A command (m,) that stays as near to the inputs at rest (m,) as it must."""
         room = 0.5 * self._share * self._span
-        return np.clip(np.clip(inputs, rest - room, rest + room), self.settings.low, self.settings.high)
+        return self._on_trial(np.clip(inputs, rest - room, rest + room))
+
+    def _on_trial(self, inputs: Array) -> Array:
+        """Inputs (m,) within their bounds, and as small as they must be where an actuator is on trial."""
+        room = 0.5 * self._tried * self._span if self._tried < 1.0 else self._span
+        return np.clip(np.clip(inputs, self._middle - room, self._middle + room), self.settings.low, self.settings.high)
 
     def followed(self, inputs: Array, before: Array, elapsed: float) -> Array:
         """What the actuators can follow of a command (m,), ``elapsed`` [s] after another one (m,)."""
