@@ -117,9 +117,9 @@ def test_a_bias_that_does_not_stay_is_not_held():
 
 def test_errors_that_training_had_are_no_bias():
     """A model that misses by as much as the bias moves it can't tell a bias."""
-    system, given = Linear(), {"sampling": SAMPLING, "prior": np.array([0.1])}
+    system, prior = Linear(), np.array([0.1])
     record = experiment(system, 0.05)
-    exact, rough = (estimate(system, record, **given, error=np.array([e])) for e in (0.0, 1.0))
+    exact, rough = (estimate(system, record, sampling=SAMPLING, prior=prior, error=np.array([e])) for e in (0.0, 1.0))
     assert exact[1] < 0.1 * rough[1]
     assert rough[1] == pytest.approx(0.1, rel=0.3)
     assert abs(rough[0]) < 0.03

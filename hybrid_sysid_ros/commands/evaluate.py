@@ -22,6 +22,7 @@ from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.identification.validation.input_bias import Adapted, adapt_model
+from hybrid_sysid_ros.identification.validation.judgement import judgement
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
 from hybrid_sysid_ros.identification.validation.run_quality import RunQuality, run_quality
 from hybrid_sysid_ros.identification.validation.scores import free_run, scores_of_run
@@ -102,6 +103,8 @@ class _Findings:
     """What is wrong with the free run, where something is."""
     bands: Mapping[str, Mapping[str, Any]]
     """What the bands of the free run hold, by level."""
+    judgements: Mapping[str, Mapping[str, str]]
+    """Of the free run by output: good, fair or useless, and why."""
     loops: Mapping[str, Mapping[str, Any]]
     """Scores of the closed loop that is done again."""
     skipped: Mapping[str, str]
@@ -119,6 +122,7 @@ class _Findings:
             **({"ahead": [_row(item) for item in self.ahead[name]]} if name in self.ahead else {}),
             **({"bands": self.bands[name]} if name in self.bands else {}),
             **({"doubt": vars(self.qualities[name])} if name in self.qualities else {}),
+            **({"judgement": self.judgements[name]} if name in self.judgements else {}),
             "closed_loop": self.loops.get(name),
             **({"adapted": self.biases[name]} if name in self.biases else {}),
         }
@@ -147,6 +151,9 @@ def _found(
         ahead=ahead,
         qualities={name: quality for name, quality in qualities.items() if quality.kind},
         bands=bands,
+        judgements={
+            name: judgement(found, rig, bands.get(name, {})) for name, found in scores.items() if qualities[name].judged
+        },
         loops=loops,
         skipped=skipped,
         uses={name: _uses(model, experiments[name], run) for name, run in runs.items()},
@@ -172,6 +179,9 @@ def _show(found: _Findings, rig: Rig, seconds: float) -> None:
         print_table(_ahead_table(found.ahead, rig))
     if found.scores:
         print_table(terminal.score_table(found.scores, rig, "free run", found.loops))
+        for name, judged in found.judgements.items():
+            for output, words in judged.items():
+                console.print(f"{name}{f', {output}' if len(judged) > 1 else ''}: {words}")
     if found.bands:
         print_table(_band_table(found.bands, rig))
     if found.biases:

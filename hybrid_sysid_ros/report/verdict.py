@@ -9,14 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import floor, isfinite
 
+from hybrid_sysid_ros.identification.validation.judgement import NOISE, ROUGHLY, WELL, noise_floors
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.report.sections import IdentificationSection
 from hybrid_sysid_ros.rigs import rig as rigs
 
-WELL, ROUGHLY = 0.9, 0.5
-"""Least shares of a record's variance that a model explains to predict it well, or roughly."""
-NOISE = 2.0
-"""Errors up to so many times the sensor's noise are little more than that."""
 CLOSE, FAR = 1.2, 2.0
 """Tracking errors, over those of the ideal loop, up to which a loop is good or fair."""
 GOOD, FAIR, BAD = "good", "fair", "bad"
@@ -61,11 +58,7 @@ def _of_model(section: IdentificationSection) -> Judgement:
 
 def _against_noise(section: IdentificationSection) -> str:
     """Errors of free runs beside what the sensors' noise alone would leave."""
-    rig = rigs.load(section.model.rig)
-    floors = {
-        item.name: sensor.floor * abs(sensor.scale)
-        for item, sensor in zip(rig.system.outputs, rig.sensors, strict=True)
-    }
+    floors = noise_floors(rigs.load(section.model.rig))
     ratios = [run.scores.rmse / floors[run.output.name] for run in section.runs if floors.get(run.output.name)]
     if not ratios:
         return ""

@@ -1,0 +1,47 @@
+"""Judgement of a free run in a word, against the record's variance, the sensors' noise, and the run's bands.
+
+The bounds of the words are conventions of this project, which its guide to reports states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hybrid_sysid_ros.rigs.rig import Rig
+
+WELL, ROUGHLY = 0.9, 0.5
+"""Least shares of a record's variance that a good and a fair run explain."""
+NOISE = 2.0
+"""Errors up to so many times the sensor's noise are little more than that."""
+HELD = 0.7
+"""Share of a record that its 90 % band is to hold, below which the model is too sure."""
+
+
+def noise_floors(rig: Rig) -> dict[str, float]:
+    """Errors that the sensors' noise alone would leave, by output, in its unit; 0 where a rig declares none."""
+    pairs = zip(rig.system.outputs, rig.sensors, strict=True)
+    return {item.name: sensor.floor * abs(sensor.scale) for item, sensor in pairs}
+
+
+def judgement(
+    scores: Mapping[str, Any], rig: Rig, bands: Mapping[str, Mapping[str, Mapping[str, float]]]
+) -> dict[str, str]:
+    """By output: good, fair or useless, and why. scores: of a free run; bands: what they hold, by level and output."""
+    floors, found = noise_floors(rig), {}
+    for name, floor in floors.items():
+        own = scores.get("outputs", {}).get(name, scores)
+        r2 = own["r2"]
+        grade = "good" if r2 >= WELL else "fair" if r2 >= ROUGHLY else "useless"
+        if r2 <= 0.0:
+            why = [f"the mean of the record would be nearer (R2 {r2:.2f})"]
+        else:
+            why = [f"it explains {100.0 * r2:.1f} % of the variance"]
+            if floor > 0.0:
+                ratio = own["rmse"] / floor
+                why.append(f"its error is {ratio:.2g} times the sensor's noise{' alone' if ratio <= NOISE else ''}")
+        wide = bands.get("0.9", {}).get(name)
+        if wide and wide["held"] < HELD:
+            why.append(f"its 90 % band holds {100.0 * wide['held']:.0f} %: the model is too sure of itself")
+        found[name] = f"{grade}: {', '.join(why)}"
+    return found

@@ -1,0 +1,25 @@
+"""A free run is judged in a word, and the reason is what decides it."""
+
+from __future__ import annotations
+
+import pytest
+
+from hybrid_sysid_ros.identification.validation.judgement import judgement, noise_floors
+from hybrid_sysid_ros.rigs.rig import load
+
+RIG = load("cam_beam")
+
+
+@pytest.mark.parametrize(
+    ("r2", "noises", "held", "words"),
+    [
+        (0.98, 1.5, 0.9, "good: it explains 98.0 % of the variance, its error is 1.5 times the sensor's noise alone"),
+        (0.7, 12.0, 0.4, "fair: it explains 70.0 % of the variance, its error is 12 times the sensor's noise, its 90 % "
+         "band holds 40 %: the model is too sure of itself"),
+        (-79.0, 300.0, 0.9, "useless: the mean of the record would be nearer (R2 -79.00)"),
+    ],
+)  # fmt: skip
+def test_a_run_is_judged_by_variance_noise_and_bands(r2, noises, held, words):
+    scores = {"r2": r2, "rmse": noises * noise_floors(RIG)["position"], "fit_percent": 0.0}
+    found = judgement(scores, RIG, {"0.9": {"position": {"held": held, "half": 1.0}}})
+    assert found == {"position": words}
