@@ -16,7 +16,7 @@ import numpy as np
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
-from hybrid_sysid_ros.control.mpc.shooting import bound_inputs, follow
+from hybrid_sysid_ros.control.mpc.shooting import follow
 from hybrid_sysid_ros.control.policy.kernels import Packed, inside, network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -53,27 +53,39 @@ class Tolerances(NamedTuple):
     disturbance: Numbers
     """(m,), largest input disturbance, or one for all inputs."""
     patience: int
-    """Instances in a row that the network must answer well after a rejection, before it drives again, where no steps
-    are made."""
+    """Instances in a row that the network must answer well after a rejection, before it drives again."""
     step: Numbers = (math.inf,)
-    """(m,), by how much a step of the exact MPC may move an input of the last plan, and the network's first input may
+    """(m,), by how much one step of the exact MPC may move an input of the last plan, and the network's first input may
     differ from that step's, or one for all [their unit]; where it is infinite, no step is made."""
     noise: float = 1.0
-    """By how much the network's first input, followed by the rest of that step's plan, may cost more than this plan, in
-    shares of ``floor`` for one of the horizon's samples. It adds up along a loop, and what it does to the state may
-    cost more later, for example where a contact sticks or not."""
-
-
-STEPS = 2
-"""Most steps of the exact MPC after which the last plan must stand still, where steps are made."""
+    """By how much the network's plan may cost more than that step's, in shares of ``floor`` for one of the horizon's
+    samples. It adds up along a loop, and what it does to the state may cost more later, for example where a contact
+    sticks or not."""
 
 
 @kernel
-def answer(policy: Packed, horizon: Horizon, instance: Instance, flat: Array, disturbance: Array, inputs: Array) -> int:
-    """Write a policy's plan for an instance to ``inputs``; accepted where the instance is within the training range,
-    its disturbance is not larger than ``disturbance`` (m,), and the plan keeps the bounds of inputs and their changes.
+def check(
+    policy: Packed,
+    prediction: PredictionModel,
+    horizon: Horizon,
+    instance: Instance,
+    flat: Array,
+    limits: tuple[Array, float, float, float],
+    inputs: Array,
+    states: Array,
+    costs: Array,
+) -> int:
+    """Check a policy's plan against the shifted one in the horizon of an exact MPC; the plan and its simulated states
+    are written to ``inputs`` and ``states``, its cost to ``costs`` (1,). limits: those of disturbance, share and floor
+    of the cost, and violation.
+
+    It is accepted where the instance is within the training range, the disturbance is not too large, and the plan's
+    simulation is finite, keeps the bounds of inputs, of their changes and, within the tolerance, of states, and costs
+    no more. The shifted plan's own violation does not count: otherwise each plan could violate bounds a little more
+    than the last, and after a push the exact MPC may find a plan without a violation.
     """
     sizes, numbers = policy
+    disturbance, share, floor, violation = limits
     if not network_answer(sizes, numbers, flat, inputs):
         return OUT_OF_RANGE
     for j in range(disturbance.shape[0]):
@@ -81,34 +93,16 @@ def answer(policy: Packed, horizon: Horizon, instance: Instance, flat: Array, di
             return DISTURBED
     if not inside(sizes, numbers, flat):
         return OUT_OF_RANGE
-    return ACCEPTED if _bounded(instance, horizon, inputs) else INFEASIBLE
-
-
-@kernel
-def compare(
-    prediction: PredictionModel,
-    horizon: Horizon,
-    instance: Instance,
-    known: Array,
-    limits: tuple[float, float, float],
-    inputs: Array,
-    states: Array,
-) -> int:
-    """Compare a plan with a ``known`` one; its simulated states are written to ``states``.
-
-    limits: share and floor of the cost, and violation. It is accepted where its simulation is finite, keeps the bounds
-    of states within the violation, and costs no more. The known plan's own violation does not count: otherwise each
-    plan could violate bounds a little more than the last, and after a push the exact MPC may find a plan without a
-    violation.
-    """
-    share, floor, violation = limits
-    known_cost, _ = follow(prediction, horizon.weights, instance, known, states)
-    cost, outside = follow(prediction, horizon.weights, instance, inputs, states)
-    if not math.isfinite(cost) or outside > violation:
+    if not _bounded(instance, horizon, inputs):
         return INFEASIBLE
-    if not math.isfinite(known_cost):
+    weights = horizon.weights
+    shifted_cost, _ = follow(prediction, weights, instance, horizon.inputs, states)
+    costs[0], outside = follow(prediction, weights, instance, inputs, states)
+    if not math.isfinite(costs[0]) or outside > violation:
+        return INFEASIBLE
+    if not math.isfinite(shifted_cost):
         return ACCEPTED
-    return COSTLIER if cost > (1.0 + share) * known_cost + floor else ACCEPTED
+    return COSTLIER if costs[0] > (1.0 + share) * shifted_cost + floor else ACCEPTED
 
 
 @inner
@@ -146,9 +140,10 @@ class Supervisor:
     """Layers: the network -> the exact MPC with its time limit -> the rest of the last plan -> the last inputs.
 
     Changes of layer are bumpless: every layer gets the inputs that were really applied, the exact MPC begins with the
-    last plan, and the rest of that plan is used where it is late. Without steps the network drives again after several
-    good answers in a row, so that layers don't chatter. The first plan is the exact MPC's, since a check against a bad
-    plan is meaningless. The warm start has the same source as the check.
+    last plan, and the rest of that plan is used where it is late. After a rejection the network drives again after
+    several good answers in a row, so that layers don't chatter. The first plan is the exact MPC's, since a check
+    against a bad plan is meaningless; where steps are made, the first several are, since from a cold start it may take
+    more than one. The warm start has the same source as the check.
 
     The last plan is the one that was applied, or where steps are made, the exact MPC's own: while the network drives,
     it solves each instance in :meth:`prepare`, after the input was sent, and in real time the step is its plan. The
@@ -173,16 +168,15 @@ class Supervisor:
         self.horizon = mpc.horizon
         self.period = mpc.period
         most = np.broadcast_to(np.array(tolerances.disturbance, dtype=float), (policy.inputs,)).copy()
+        self._limits = most, float(tolerances.cost), float(tolerances.floor), float(tolerances.violation)
+        self._patience = tolerances.patience
+        self._noise = float(tolerances.noise * tolerances.floor) / policy.horizon
         self._step = np.array(tolerances.step, dtype=float)
         self._steps = bool(np.isfinite(self._step).any())
-        share, floor = float(tolerances.cost), float(tolerances.floor)
-        if self._steps:
-            share, floor = 0.0, float(tolerances.noise) * floor / policy.horizon
-        self._disturbance, self._limits = most, (share, floor, float(tolerances.violation))
-        self._patience = 0 if self._steps else tolerances.patience
         self._flat, self._instance = new_instance(mpc.system, policy.problem)
         self._inputs = np.zeros((policy.horizon, policy.inputs))
         self._states = np.zeros((policy.horizon + 1, policy.states))
+        self._cost = np.full(1, math.inf)
         self.layers: Counter[str] = Counter()
         self.reasons: Counter[str] = Counter()
         self.reason = WAITING
@@ -193,7 +187,7 @@ class Supervisor:
         """Forget the last plan; counts stay."""
         self.mpc.reset()
         self.policy.reset()
-        self._age, self._waiting = 0.0, 0
+        self._age, self._waiting = 0.0, self._patience if self._steps else 0
         self._inputs.fill(math.nan)
         self._unsolved = False
 
@@ -220,58 +214,53 @@ class Supervisor:
         else:
             plan = self._fallback(state, disturbance, previous_input, preview)
             if self._waiting > 0 and reason == WAITING:
-                self._waiting -= 1
+                self._waiting = self._waiting - 1 if self._near(plan.input, self._inputs[0]) else self._patience
         self.layers[LAYERS[plan.status]] += 1
         self.reasons[REASONS[reason]] += 1
         return plan
 
     def check(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
-        """Decide whether the network drives: one of the results, see :func:`answer` and :func:`compare`."""
+        """Decide whether the network drives: one of the results, see :func:`check`."""
         if self.mpc.cold:
             return WAITING
         self._instance.assign(state, disturbance, previous_input, preview)
-        horizon = self.mpc.shooting.horizon
-        asked = self._instance, self._flat, self._disturbance
-        reason = int(answer(self.policy.packed, horizon, *asked, self._inputs))
-        if reason == ACCEPTED:
-            reason = self._stepped() if self._steps else self._compared(horizon.inputs)
+        shooting = self.mpc.shooting
+        parts = (
+            shooting.prediction,
+            shooting.horizon,
+            self._instance,
+            self._flat,
+            self._limits,
+            self._inputs,
+            self._states,
+            self._cost,
+        )
+        reason = int(check(self.policy.packed, *parts))
+        if reason == ACCEPTED and self._steps and self._waiting == 0:
+            reason = self._stepped(state, disturbance, previous_input, preview)
         if reason != ACCEPTED:
             self._waiting = self._patience
         elif self._waiting > 0:
             return WAITING
         return reason
 
-    def _compared(self, known: Array) -> int:
-        """The result for the network's plan beside a known one (N, m)."""
-        shooting = self.mpc.shooting
-        parts = shooting.prediction, shooting.horizon, self._instance
-        return int(compare(*parts, known, self._limits, self._inputs, self._states))
-
-    def _stepped(self) -> int:
-        """IMPROVED unless some steps of the exact MPC leave the last plan nearly as it is, and the network agrees with
-        the last of them: in its first inputs and, but for the noise that is allowed, in the cost that these lead to.
+    def _stepped(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
+        """IMPROVED unless one step of the exact MPC leaves the last plan nearly as it is, and the network agrees with
+        it in its first inputs and, but for the noise that is allowed, in its cost.
 
         A plan that a step moves, if only later on, may be far from the solution, so that nobody knows what the network
-        should have answered. Of the network's plan only the first inputs are applied, and the exact MPC goes on from
-        its own: so its plan follows them, and what this costs bounds what they can cost. The last plan stays as it was,
-        but for one in real time that they agree with: these steps are all there is.
+        should have answered. The last plan stays as it was, but for one in real time that they agree with: this step is
+        all there is.
         """
         horizon = self.mpc.shooting.horizon
         inputs, states, under = horizon.inputs.copy(), horizon.states.copy(), horizon.disturbance.copy()
-        reason = IMPROVED
-        for _ in range(STEPS):
-            last = horizon.inputs.copy()
-            first = self.mpc.step(*self._instance)
-            if first is None:
-                break
-        if first is not None and self._near(horizon.planned, last) and self._near(first, self._inputs[0]):
-            self._inputs[1:] = horizon.planned[1:]
-            bound_inputs(horizon, self._instance.previous, self._inputs)
-            reason = self._compared(horizon.planned)
-        if not (reason == ACCEPTED and self.mpc.real_time):
+        first = self.mpc.step(state, disturbance, previous_input, preview)
+        near = first is not None and self._near(horizon.planned, inputs) and self._near(first, self._inputs[0])
+        near = near and self._cost[0] <= self.mpc.follow(horizon.planned)[0] + self._noise
+        if not (near and self.mpc.real_time):
             self.mpc.adopt(under, inputs, states)
-            self._unsolved = reason == ACCEPTED
-        return IMPROVED if reason == COSTLIER else reason
+            self._unsolved = near
+        return ACCEPTED if near else IMPROVED
 
     def _near(self, one: Array, other: Array) -> bool:
         """Whether inputs (m,), or plans (N, m), differ by no more than the tolerance of a step."""

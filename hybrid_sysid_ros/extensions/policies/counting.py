@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.safety.certificate import DELTA, Certificate, SeedCounts
-from hybrid_sysid_ros.control.safety.supervisor import REASONS, STEPS
+from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.extensions.policies.criteria import COST, ERROR, EXACT, JUDGED, UNSOLVED, WORST_PERIOD
 from hybrid_sysid_ros.extensions.policies.mixture import BEGINNINGS, STRATA
 from hybrid_sysid_ros.extensions.policies.trial import KKT_TOLERANCE, Drivers, Trial, measured
@@ -132,8 +132,7 @@ def _sum(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
 def _stated(trial: Trial) -> dict[str, dict[str, Any]]:
     """Distribution and criteria, as a certificate states them."""
     mixture = {"strata": STRATA, "periods": trial.periods, "beginnings": BEGINNINGS, **asdict(trial.mixture)}
-    check = {**trial.tolerances._asdict(), "steps": STEPS}
-    criteria = {**asdict(trial.criteria), "check": check, "kkt_tolerance": KKT_TOLERANCE}
+    criteria = {**asdict(trial.criteria), "check": trial.tolerances._asdict(), "kkt_tolerance": KKT_TOLERANCE}
     return {"distribution": plain(mixture), "criteria": plain(criteria)}
 
 
