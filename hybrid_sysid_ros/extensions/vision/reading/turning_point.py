@@ -20,6 +20,7 @@ PAIRS = 400  # at most
 SPACING = 0.02  # s between them: in a shorter time little turns
 CHANGED = 4.0  # times its noise that a pixel must change,
 AGAIN = 0.1  # in this share of the pairs: what turns comes over its places again and again, who walks by comes once
+UNSURE = 0.25  # pixels: as much may be left of the motion of a camera that is held by hand
 FEWEST_PIXELS, FEWEST_PAIRS = 40, 12
 LARGEST_TURN = 0.03  # rad between two pictures: brightness is not linear over more of the sprite's way
 BISQUARE = 4.685  # deviations; see alignment.py
@@ -65,6 +66,7 @@ def _normals(view: FilmView) -> NDArray[np.float64]:
     times = np.array([time for time, _ in view.pictures()])
     apart = max(round(SPACING / max(float(np.median(np.diff(times))), 1e-9)), 1) if len(times) > 1 else 1
     every = max(len(times) // PAIRS, 1)
+    stands = view.motion is None or view.motion.steady
     found, kept, often = list[_Change](), list[Picture](), np.zeros((1, 1))
     for number, (_, picture) in enumerate(view.pictures()):
         size = (COLUMNS, round(COLUMNS * picture.shape[0] / picture.shape[1]))
@@ -73,7 +75,7 @@ def _normals(view: FilmView) -> NDArray[np.float64]:
         if len(kept) > apart:
             before = kept.pop(0)
             if number % every == 0:
-                found.append(_change(before, kept[-1]))
+                found.append(_change(before, kept[-1], 0.0 if stands else UNSURE))
                 often = often + found[-1].where
     again = often > AGAIN * len(found)
     normals = [_normal(change, again) for change in found]
@@ -93,12 +95,13 @@ class _Change:
     noise: float
 
 
-def _change(before: Picture, after: Picture) -> _Change:
+def _change(before: Picture, after: Picture, unsure: float) -> _Change:
+    """unsure: pixels by which a picture may lie beside the other one, so that edges change that stand."""
     change, mean = after - before, 0.5 * (after + before)
     noise = max(float(np.median(np.abs(change))) / 0.6745, 0.2)
-    where = np.abs(change) > CHANGED * noise
-    y, x = np.nonzero(where)
     by_y, by_x = np.gradient(mean)
+    where = np.abs(change) > CHANGED * noise + unsure * np.hypot(by_x, by_y)
+    y, x = np.nonzero(where)
     gx, gy = by_x[y, x] * COLUMNS, by_y[y, x] * COLUMNS
     slopes = np.column_stack([gy * (x + 0.5) / COLUMNS - gx * (y + 0.5) / COLUMNS, -gy, gx]).astype(np.float32)
     left = -change[y, x].astype(np.float32)
