@@ -11,7 +11,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.experiment_design.cells import Cells
 from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
-from hybrid_sysid_ros.extensions.experiment_design.search import POINTS, Bench, exchanged
+from hybrid_sysid_ros.extensions.experiment_design.search import Bench, exchanged
 from hybrid_sysid_ros.extensions.experiment_design.segments import PlanSegment
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.models import Model
@@ -93,7 +93,7 @@ def worst_of(knowledge: Knowledge, more: Array, wanted: Sequence[int]) -> float:
 
 
 def expected(bench: Bench, fisher: Fisher, knowledge: Knowledge, driving: Array) -> Array:
-    """Deviations after an experiment, (free,): the root of the mean variance over the POINTS."""
-    runs = [(system, bench.run(system, driving)[0]) for system in bench.systems[:POINTS]]
+    """Deviations after an experiment, (free,): the root of the mean variance over the points."""
+    runs = [(system, bench.run(system, driving)[0]) for system in bench.systems[: bench.points]]
     found = [knowledge.deviations(fisher.information(system, inputs)) for system, inputs in runs]
     return np.asarray(np.sqrt(np.mean(np.square(found), axis=0)))

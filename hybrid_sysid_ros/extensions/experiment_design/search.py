@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from hybrid_sysid_ros.core import System, rollouts
-from hybrid_sysid_ros.extensions.experiment_design.information import run_of
+from hybrid_sysid_ros.extensions.experiment_design.information import cornered, run_of
 from hybrid_sysid_ros.extensions.experiment_design.looped import looped
 from hybrid_sysid_ros.extensions.experiment_design.segments import REST, PlanSegment, SegmentLibrary
 from hybrid_sysid_ros.identification.validation.bands import Uncertainty, drawn_systems
@@ -20,17 +20,17 @@ from hybrid_sysid_ros.support.errors import UserError
 
 DRAWS = 6
 """Systems drawn from what the model does not know, in which an experiment must stay within limits, too."""
-STEPS = 48_000_000
+STEPS = 30_000_000
 """Steps of an experiment in all trials of a search, of which there are between FEWEST and MOST."""
-FEWEST, MOST = 300, 4000
+FEWEST, MOST = 300, 2500
 PIECE, PIECES = 5.0, (4, 24)
 """Length of a segment [s], and the least and most of them."""
 TRIED = 8
 """Segments that are tried in one place before the search goes on to the next."""
 
 POINTS, SLACK = 3, 0.05
-"""Systems at which a criterion is taken, the model and two draws that mirror each other, since at a corner of dry
-friction a derivative at one point alone promises what is not there; and by how much it may grow at the model.
+"""Systems at which a criterion is taken, the model and two draws that mirror each other, so that an experiment suits
+what the model could be as well; and by how much it may grow at the model. Secants cover this by themselves.
 """
 SHARE = 0.1
 """Of the rate of samples, those that drive or those that a fit sees, up to which frequencies are tried."""
@@ -69,6 +69,11 @@ class Bench:
     @property
     def sampling(self) -> Sampling:
         return self.model.sampling
+
+    @property
+    def points(self) -> int:
+        """Systems at which a criterion is taken."""
+        return 1 if cornered(self.model.system) else POINTS
 
     @property
     def fastest(self) -> float:
@@ -203,7 +208,7 @@ def exchanged(
 def _value(
     bench: Bench, criterion: DesignCriterion, plan: Sequence[Sequence[PlanSegment]], least: Array | None = None
 ) -> Array | None:
-    """The criterion of a plan at each of the POINTS; None where some system leaves the limits, or where the plan is no
+    """The criterion of a plan at each of the points; None where some system leaves the limits, or where the plan is no
     better than ``least`` on average, or clearly worse for the model, of which the others are not asked then.
     """
     driving, found = bench.driving(plan), []
@@ -211,10 +216,14 @@ def _value(
         inputs, outputs = bench.run(system, driving)
         if not bench.within(outputs):
             return None
-        if number < POINTS:
+        if number < bench.points:
             found.append(criterion(system, inputs))
         if number == 0 and least is not None and found[0] > least[0] + SLACK:
             return None
-        if number == min(POINTS, len(bench.systems)) - 1 and least is not None and np.mean(found) >= np.mean(least):
+        if (
+            number == min(bench.points, len(bench.systems)) - 1
+            and least is not None
+            and np.mean(found) >= np.mean(least)
+        ):
             return None
     return np.array(found)
