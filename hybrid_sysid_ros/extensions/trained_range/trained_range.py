@@ -27,6 +27,8 @@ LONGEST, FEWEST = 100, 12
 """Samples of the longest displacement: 5 s at the usual 50 ms; and the fewest, below which nothing is said."""
 TYPICAL = 150
 """Most typical motions."""
+USED = 5000
+"""Most motions of all records that are looked at; more would be alike."""
 WRONGLY = 0.01
 """Share of motions like the trained ones that count as untrained."""
 PARTS = 8
@@ -56,7 +58,8 @@ class TrainedRange:
         noise = np.mean(noises, axis=0) if noises else np.zeros(used[0][0].shape[1])
         outputs, inputs = (np.concatenate([pair[k] for pair in used]) for k in range(2))
         scales = MotionScales.of(outputs, inputs, noise, _places(system), longest)
-        features = [scales.features(*pair) for pair in used]
+        stride = -(-len(outputs) // USED)
+        features = [scales.features(*pair)[::stride] for pair in used]
         whole = np.concatenate(features)
         typical = np.round(_spread_out(whole, TYPICAL) * DIGITS) / DIGITS
         return cls(scales=scales, typical=typical, reach=_reach(features))

@@ -13,12 +13,16 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.trained_range.live import live_range_of
-from hybrid_sysid_ros.extensions.trained_range.trained_range import WRONGLY, TrainedRange
+from hybrid_sysid_ros.extensions.trained_range.trained_range import WRONGLY, TrainedRange, mean_inputs
 from hybrid_sysid_ros.extensions.trained_range.words import reason
+from hybrid_sysid_ros.identification import prepare
 from hybrid_sysid_ros.models import Sampling, load
 from hybrid_sysid_ros.models.fit import PreparedRecord
+from studies.beam_lecture import lecture
+from studies.beam_lecture import records as beam_records
 from tests.one_joint import Linear
 
 SAMPLING = Sampling(step=0.05, period=0.05)
@@ -145,3 +149,26 @@ def test_a_report_shows_the_runs_on_a_map_of_what_was_trained_on(command, linear
     text = page.read_text(encoding="utf-8")
     assert 'id="further-trained_range"' in text
     assert "mean speed of position over 2.5 s" in text
+
+
+def test_the_real_beam_in_slow_motion_is_trained_on_in_the_direction_of_the_ramp_alone(data, records, rig):
+    ramps = sorted((data / "bab_slow").glob("*.mat"))
+    if not ramps:
+        pytest.skip("needs the slow ramp in the folder bab_slow")
+    slow = beam_records.load(ramps[0])
+    output = rig.display[0].si(slow.output)[:, None]
+    time = np.arange(len(output)) * slow.sampling_time
+    all_records = [*records.values(), Record(name=ramps[0].stem, time=time, input=slow.input[:, None], output=output)]
+    found = {}
+    for number in (2, 3):
+        protocol = lecture.arrange(all_records, number)
+        used = zip(protocol.training, protocol.parts, strict=True)
+        prepared = [prepare(part.of(record, Sampling()), rig.system, Sampling()) for record, part in used]
+        found[number] = TrainedRange.of(rig.system, prepared)
+    ramp = next(prepare(item, rig.system, Sampling()) for item in all_records if lecture.is_ramp(item.name))
+    motion = ramp.outputs, mean_inputs(ramp)
+    assert outside(found[2], motion) > 0.9
+    assert outside(found[3], motion) < 0.1
+    assert outside(found[3], tuple(values[::-1] for values in motion)) > 0.9
+    swept = next(prepare(item, rig.system, Sampling()) for item in all_records if "swept" in item.name)
+    assert outside(found[2], (swept.outputs, mean_inputs(swept))) < 0.1
