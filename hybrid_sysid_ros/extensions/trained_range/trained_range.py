@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import casadi
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -121,14 +120,24 @@ def mean_inputs(experiment: PreparedRecord) -> Array:
 
 
 def _places(system: System) -> Array:
-    """1 for each output on whose value the law depends, and for those that are no state; else 0, (outputs,)."""
+    """1 for each output whose value means something, (outputs,); 0 for a position that the law does not read, alone or
+    together with all others of its unit, so that the system does the same elsewhere.
+    """
     found = np.ones(len(system.outputs))
-    if isinstance(system, Recurrence):
+    positions = [] if isinstance(system, Recurrence) else sorted(system.kinematics)
+    if not positions:
         return found
-    depends = np.array(casadi.DM(symbolic_step(system, step=1.0).jac_sparsity(0, 0), 1.0)) != 0.0
-    for state, (column, rate) in system.record_map().reconstructible.items():
-        if not rate and set(np.flatnonzero(depends[:, state])) <= {state}:
-            found[column] = float(system.kinematics.get(state) is None)
+    step, random = symbolic_step(system, step=1e-3), np.random.default_rng(0)
+    states, inputs = random.normal(size=len(system.states)), random.normal(size=len(system.inputs))
+    units = {system.states[state].unit for state in positions}
+    groups = [{state} for state in positions]
+    groups += [{state for state in positions if system.states[state].unit == unit} for unit in sorted(units)]
+    shown = {state: column for state, (column, rate) in system.record_map().reconstructible.items() if not rate}
+    for group in groups:
+        moved = np.isin(np.arange(len(states)), list(group)).astype(float)
+        change = np.array(step(states + moved, inputs) - step(states, inputs)).ravel()
+        if np.allclose(change, moved, rtol=0.0, atol=1e-9):
+            found[[shown[state] for state in group if state in shown]] = 0.0
     return found
 
 

@@ -16,11 +16,12 @@ from scipy.signal import lfilter
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.trained_range.live import live_range_of
-from hybrid_sysid_ros.extensions.trained_range.trained_range import WRONGLY, TrainedRange, mean_inputs
+from hybrid_sysid_ros.extensions.trained_range.trained_range import WRONGLY, TrainedRange, _places, mean_inputs
 from hybrid_sysid_ros.extensions.trained_range.words import reason
 from hybrid_sysid_ros.identification import prepare
 from hybrid_sysid_ros.models import Sampling, load
 from hybrid_sysid_ros.models.fit import PreparedRecord
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from studies.beam_lecture import lecture
 from studies.beam_lecture import records as beam_records
 from tests.one_joint import Linear
@@ -104,6 +105,8 @@ def test_a_place_that_moves_nothing_is_as_good_as_another():
     cart, held = (TrainedRange.of(system, [experiment(y, u)]) for system in (Cart(), Linear()))
     assert outside(cart, (y + 1e3, u)) < 0.01
     assert outside(held, (y + 1e3, u)) == 1.0
+    joint = load_rig("flexible_joint").system  # the spring reads the difference of its two angles only
+    assert _places(joint).tolist() == [0.0, 1.0]
 
 
 def test_a_trained_range_is_kept_in_a_model_and_read_again():
@@ -157,7 +160,7 @@ def test_the_real_beam_in_slow_motion_is_trained_on_in_the_direction_of_the_ramp
         pytest.skip("needs the slow ramp in the folder bab_slow")
     slow = beam_records.load(ramps[0])
     output = rig.display[0].si(slow.output)[:, None]
-    time = np.arange(len(output)) * slow.sampling_time
+    time = np.arange(len(output), dtype=np.float64) * slow.sampling_time
     all_records = [*records.values(), Record(name=ramps[0].stem, time=time, input=slow.input[:, None], output=output)]
     found = {}
     for number in (2, 3):
