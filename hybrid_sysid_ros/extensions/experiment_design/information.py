@@ -17,6 +17,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LEAST_KNOWN = 1e3
 """Sizes of a number within which it counts as known beforehand where nothing else is."""
+ALIASED = 0.01
+"""Most part of a hum's period from one sample to the next at which it is an offset."""
 LONGEST = 0.3
 """Most of half the length of a secant, in a number's size."""
 MOST = 300
@@ -80,6 +82,8 @@ class Fisher:
     """Half of the lengths of secants in the parameters' units, (parameters,), for a law with corners; None: exact
     derivatives.
     """
+    offsets: Array | None = None
+    """Deviations of a constant error of each output in a record, such as a hum that the samples alias, (outputs,)."""
     columns: Sequence[int] = ()
     """Those of the sensitivities that are numbers of the model; by default all."""
 
@@ -96,6 +100,7 @@ class Fisher:
             sampling=model.sampling,
             sizes=sizes,
             weight=1.0 / noise_of(model, rig) ** 2,
+            offsets=aliased(rig, model.sampling.period),
             steps=np.where(known > 0.0, np.minimum(known, most), most) if cornered(model.system) else None,
             columns=[*range(len(free)), *(len(free) + int(number) for number in weights)],
         )
@@ -107,7 +112,12 @@ class Fisher:
         tangents = self.tangents(system, inputs, first)
         scaled = tangents[:, :, list(self.columns) or slice(None)] * np.sqrt(self.weight)[:, None] * self.sizes
         rows = scaled.reshape(-1, scaled.shape[2])
-        return np.asarray(rows.T @ rows)
+        whole = np.asarray(rows.T @ rows)
+        if self.offsets is not None:  # R = I + h h' by Sherman & Morrison
+            squares = np.square(self.offsets) * self.weight
+            sums = scaled.sum(axis=0) * np.sqrt(squares / (1.0 + len(scaled) * squares))[:, None]
+            whole -= sums.T @ sums
+        return whole
 
     def tangents(self, system: System, inputs: Array, first: Array | None = None) -> Array:
         """Derivatives of the outputs by the numbers, (samples, outputs, free); 0 where a run diverges."""
@@ -139,6 +149,16 @@ class Fisher:
                     )[1]
                 )  # fmt: skip
         return np.asarray((found[1] - found[0]) / max(float(ends[1] - ends[0]), 1e-300))
+
+
+def aliased(rig: Rig, period: float) -> Array:
+    """Deviations of the offsets that a hum gives where its periods fit into that of the samples, (outputs,)."""
+    hums = [(sensor.scale, sensor.hum) for sensor in rig.sensors]
+    found = [
+        abs(scale) * hum.rms if hum and abs(hum.hertz * period - round(hum.hertz * period)) < ALIASED else 0.0
+        for scale, hum in hums
+    ]
+    return np.array(found)
 
 
 def cornered(system: System) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,15 @@ def test_the_information_of_a_step_is_that_of_its_response() -> None:
     slopes = np.stack([1.0 - e, -GAIN * times * e / LAG**2])
     found = fisher().information(Lag(), np.ones((400, 1)))
     np.testing.assert_allclose(found, slopes @ slopes.T / NOISE**2, rtol=1e-6)
+
+
+def test_an_offset_of_a_record_takes_what_it_could_explain() -> None:
+    """S' R^-1 S with R = s^2 I + h^2 1 1'."""
+    inputs, h = np.sin(np.arange(300) * STEP)[:, None], 0.02
+    slopes = fisher().tangents(Lag(), inputs)[:, 0]
+    noise = NOISE**2 * np.eye(len(slopes)) + h**2
+    found = replace(fisher(), offsets=np.array([h])).information(Lag(), inputs)
+    np.testing.assert_allclose(found, slopes.T @ np.linalg.solve(noise, slopes), rtol=1e-8)
 
 
 def test_a_lag_is_told_best_by_a_sine_at_its_corner() -> None:
