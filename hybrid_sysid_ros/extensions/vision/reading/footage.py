@@ -166,7 +166,7 @@ def followed(
     return Footage(
         times=np.array(times),
         seen=np.array(times) + middle,
-        angles=_unwrapped(angles) if layers.full_turn else angles,
+        angles=_unwrapped(angles, layers.period) if layers.full_turn else angles,
         deviations=steady.deviations,
         explained=np.array([row.explained for row in rows]),
         lamp=np.array(lamps),
@@ -202,8 +202,8 @@ def _when(times: Sequence[float], first: int) -> str:
     return f"from {times[first * APART]:.3g} s on " if first else ""
 
 
-def _unwrapped(angles: Array) -> Array:
-    """Angles that go on round and round, by the shorter way from one picture to the next."""
+def _unwrapped(angles: Array, period: float) -> Array:
+    """Angles that go on round and round, by the shorter way from one picture to the next, known but for a period."""
     found, known = angles.copy(), np.isfinite(angles)
-    found[known] = np.unwrap(angles[known])
+    found[known] = np.unwrap(angles[known], period=period)
     return found

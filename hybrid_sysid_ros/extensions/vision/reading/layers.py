@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ Plane = NDArray[np.float32]
 """Numbers of pixels or texels (rows, columns)."""
 
 KIND, VERSION = "layers", 1
+DIRECTIONS, ALIKE = 720, 0.6  # around the pivot, and correlation of a sprite with itself, turned, that looks alike
 NAMES = ("background", "alpha", "texture")
 
 
@@ -79,6 +81,23 @@ class PictureLayers:
     def full_turn(self) -> bool:
         """Whether angles go round."""
         return self.geometry.high - self.geometry.low >= 2.0 * math.pi
+
+    @cached_property
+    def period(self) -> float:
+        """Turn after which the sprite looks alike [rad], as a wheel of five spokes does after a fifth of one; 0 where
+        angles do not go round.
+        """
+        if not self.full_turn:
+            return 0.0
+        radii, directions = np.linspace(0.15, 1.0, 24)[:, None] * self.reach, np.arange(DIRECTIONS) / DIRECTIONS
+        u = radii * np.cos(2.0 * math.pi * directions) - self.first[0]
+        v = radii * np.sin(2.0 * math.pi * directions) - self.first[1]
+        shown = interpolated(self.texture, u, v) - interpolated(self.alpha, u, v) * float(self.background.mean())
+        spectrum = np.abs(np.fft.rfft(shown, axis=1)) ** 2
+        spectrum[:, 0] = 0.0
+        alike = np.fft.irfft((radii * spectrum).sum(axis=0), n=DIRECTIONS)
+        parts = [n for n in range(2, 13) if alike[round(DIRECTIONS / n)] > ALIKE * alike[0]]
+        return 2.0 * math.pi / max(parts, default=1)
 
     def row_time(self, row: float) -> float:
         """Middle of a row's exposure after that of the picture's middle row [s]."""

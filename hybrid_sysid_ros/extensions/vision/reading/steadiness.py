@@ -72,17 +72,17 @@ def steady_angles(
         common += (more * motion.roll_deviation if moves else min(motion.roll, motion.roll_deviation)) ** 2
     angles = np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan)
     own = chosen[:, 1] ** 2 + common
-    deviations = np.sqrt(np.maximum(own, scatter(times, angles, turns=layers.full_turn) ** 2))
+    deviations = np.sqrt(np.maximum(own, scatter(times, angles, layers.period) ** 2))
     return SteadyAngles(angles=angles, deviations=deviations, rows=chosen[:, 2])
 
 
-def scatter(times: Array, angles: Array, *, turns: bool = False) -> float:
+def scatter(times: Array, angles: Array, period: float = 0.0) -> float:
     """Standard deviation of what is new in each of the angles (pictures,) at times [s], by their divided differences of
     a high order, in which a motion well below half the pictures' rate has no part; their median, so that no jump has
-    any; 0 where too few follow one another. turns: whether angles go round.
+    any; 0 where too few follow one another. period: of angles that go round, 0 for others.
     """
     known = np.isfinite(angles)
-    when, seen = times[known], np.unwrap(angles[known]) if turns else angles[known]
+    when, seen = times[known], np.unwrap(angles[known], period=period) if period else angles[known]
     if len(when) < ENOUGH + ORDER:
         return 0.0
     windows = sliding_window_view(when, ORDER + 1)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
 from hybrid_sysid_ros.extensions.vision.reading.steadiness import scatter
+from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
+from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.arrays import Array
 
 NOISE = 1e-4  # rad
@@ -21,9 +24,16 @@ def test_scatter_is_the_noise_and_not_the_motion(irregular: float, turns: bool) 
     if turns:
         angles = (angles + 3.0 * times) % (2.0 * np.pi)
     angles[100:103] = np.nan
-    assert scatter(times, angles, turns=turns) == pytest.approx(NOISE, rel=0.15)
+    assert scatter(times, angles, 2.0 * np.pi if turns else 0.0) == pytest.approx(NOISE, rel=0.15)
 
 
 def test_few_pictures_have_no_scatter() -> None:
     few: Array = np.arange(12, dtype=np.float64)
     assert scatter(few, 0.0 * few) == 0.0
+
+
+@pytest.mark.parametrize(("name", "parts"), [("wheel_motor", 5), ("drill_string", 3)])
+def test_a_sprite_that_looks_alike_after_a_part_of_a_turn_has_that_period(name: str, parts: int) -> None:
+    layers = painted_layers(load(name), Camera(width=240, height=136), low=0.0, high=2.0 * np.pi)
+    assert layers.full_turn
+    assert layers.period == pytest.approx(2.0 * np.pi / parts)
