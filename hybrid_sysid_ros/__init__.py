@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from hybrid_sysid_ros.bags.record import Record
     from hybrid_sysid_ros.library.loops import simulate
     from hybrid_sysid_ros.library.models import Model, identify, load_model
+    from hybrid_sysid_ros.library.mpc import mpc
     from hybrid_sysid_ros.library.policies import Policy, certify, export, load_policy, train_policy
     from hybrid_sysid_ros.library.records import load_rig, read_bag, record
     from hybrid_sysid_ros.rigs.rig import Rig
@@ -27,6 +28,7 @@ __all__ = [
     "load_model",
     "load_policy",
     "load_rig",
+    "mpc",
     "read_bag",
     "record",
     "simulate",
@@ -37,6 +39,7 @@ _ROOMS = {
     "library.records": ("load_rig", "read_bag", "record"),
     "library.models": ("Model", "identify", "load_model"),
     "library.loops": ("simulate",),
+    "library.mpc": ("mpc",),
     "library.policies": ("Policy", "certify", "export", "load_policy", "train_policy"),
     "bags.record": ("Record",),
     "rigs.rig": ("Rig",),

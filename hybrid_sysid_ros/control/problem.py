@@ -7,27 +7,30 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from hybrid_sysid_ros.control.terms import Term, check_terms, terms_of, with_terms
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array, Numbers
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, known
 from hybrid_sysid_ros.support.structured import numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageWeights(Shared):
-    """Weights of stage costs for n states, m inputs and p outputs."""
+    """Weights of stage costs for n states, m inputs, and r values: p outputs and the terms behind them."""
 
     outputs: Array
-    """Weights of squared errors, (stages, p) [1/unit^2]."""
+    """Weights of the values' squared errors, (stages, r) [1/unit^2]."""
+    prices: Array
+    """Prices of the values, (stages, r) [1/unit]."""
     rates: Array
     """Weights of squared changes, (stages, m)."""
     inputs: Array
@@ -40,15 +43,23 @@ class StageWeights(Shared):
     """(n,); a state that is outside by s costs linear s + quadratic s^2."""
     quadratic: Array
     """(n,)."""
+    value_low: Array
+    """Lower bounds of the values, (stages, r)."""
+    value_high: Array
+    """(stages, r)."""
+    value_linear: Array
+    """(r,), as of the states."""
+    value_quadratic: Array
+    """(r,)."""
 
 
 @inner
 def stage_cost(weights: Any, i: int, y: Any, q: Any, u: Any, before: Any, x: Any) -> float:
-    """Cost of stage i with outputs y (p,), references q (p,) and states x (n,) at its end, inputs u (m,) and previous
-    inputs ``before`` (m,).
+    """Cost of stage i with values y (r,), references q (p,) of the outputs and states x (n,) at its end, inputs u (m,)
+    and previous inputs ``before`` (m,).
     """
     cost = 0.0
-    for k in range(y.shape[0]):
+    for k in range(q.shape[0]):
         error = y[k] - q[k]
         cost += weights.outputs[i, k] * error * error
     for j in range(u.shape[0]):
@@ -57,6 +68,10 @@ def stage_cost(weights: Any, i: int, y: Any, q: Any, u: Any, before: Any, x: Any
     for a in range(x.shape[0]):
         s = excess(weights, a, x[a])
         cost += (weights.linear[a] + weights.quadratic[a] * s) * s
+    for k in range(q.shape[0], y.shape[0]):
+        s = max(y[k] - weights.value_high[i, k], weights.value_low[i, k] - y[k], 0.0)
+        cost += (weights.outputs[i, k] * y[k] + weights.prices[i, k]) * y[k]
+        cost += (weights.value_linear[k] + weights.value_quadratic[k] * s) * s
     return cost
 
 
@@ -106,8 +121,9 @@ class ControlProblem:
       + sum_{i=0}^{N-1}  sum_j rate_weights_j (u_ij - u_{i-1,j})^2 + input_weights_j u_ij^2
       + sum_{i=1}^{N}    sum_a soft_linear_a s_ia + soft_quadratic_a s_ia^2
 
-    with x_{i+1} = step(x_i, u_i + d), y_{i+1} = output(x_{i+1}, u_i + d), input_low <= u_i <= input_high,
-    |u_i - u_{i-1}| <= rate_limits, and s_ia the distance of a state from its bounds.
+    and the terms of each stage (:class:`~.terms.Term`), with x_{i+1} = step(x_i, u_i + d),
+    y_{i+1} = output(x_{i+1}, u_i + d), input_low <= u_i <= input_high, |u_i - u_{i-1}| <= rate_limits, and s_ia the
+    distance of a state from its bounds.
 
     A tuple of one value holds for every output, input or state; :meth:`sized` writes it out.
     """
@@ -140,6 +156,12 @@ class ControlProblem:
     """(n,), price of a state outside its bounds, per distance [1/unit]."""
     soft_quadratic: Numbers = (1e4,)
     """(n,), price per squared distance [1/unit^2]."""
+    final_output_weights: Numbers = ()
+    """(p,) at the end of the horizon; empty: as output_weights."""
+    terms: tuple[Term, ...] = ()
+    """Further terms of each stage, also as a mapping {name: {value: formula, price: 1.0}}."""
+    stage_parameters: tuple[tuple[str, Numbers], ...] = ()
+    """Names of parameters in the terms' formulas, also as a mapping, with a value for all stages or N values."""
     smoothing: float = 0.0
     """Smoothing of stick-slip [unit of the velocity]."""
     max_iterations: int = 100
@@ -148,6 +170,16 @@ class ControlProblem:
     def __post_init__(self) -> None:
         for name in (*_PER_OUTPUT, *_PER_INPUT, *_PER_STATE):
             object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        object.__setattr__(self, "terms", terms_of(self.terms))
+        object.__setattr__(self, "stage_parameters", _stage_parameters(self.stage_parameters, self.horizon))
+        object.__setattr__(self, "final_output_weights", tuple(self.final_output_weights))
+        for term in self.terms:
+            for values in (term.weight, term.price):
+                if len(values) not in (1, self.horizon):
+                    raise UserError(
+                        f"mpc: term {term.name} has {len(values)} weights or prices; "
+                        f"it needs one, or one for each of the {self.horizon} stages"
+                    )
         for name in _WHOLE:
             if not isinstance(getattr(self, name), int):
                 raise UserError(f"mpc: {name} is {getattr(self, name)!r}; it must be a whole number")
@@ -157,7 +189,7 @@ class ControlProblem:
             if not np.all(sound & (np.isfinite(values) | (name == "rate_limits"))):
                 least = "above 0" if name in _POSITIVE else "at least 0" if name in _NOT_NEGATIVE else "finite"
                 raise UserError(f"mpc: {name} is {getattr(self, name)}; it must be {least}")
-        if not any(self.output_weights):
+        if not (any(self.output_weights) or self.terms):
             raise UserError("mpc: all output_weights are 0, so there is nothing to track; give one output a weight")
         for kind in ("input", "state"):
             low, high = getattr(self, f"{kind}_low"), getattr(self, f"{kind}_high")
@@ -182,7 +214,33 @@ class ControlProblem:
             for names, of in each
             for name in names
         }
+        if self.final_output_weights:
+            names = f"mpc: final_output_weights of {type(system).__name__}"
+            found["final_output_weights"] = numbers(self.final_output_weights, names, count=len(system.outputs))
+        check_terms(system, self.terms, [name for name, _ in self.stage_parameters])
         return dataclasses.replace(self, **found)  # type: ignore[arg-type]
+
+    def outputs_of(self, system: System, *, curvature: bool = False) -> System:
+        """The system whose outputs are the values of a stage; the system itself where there are no terms."""
+        return with_terms(system, self.terms, [name for name, _ in self.stage_parameters], curvature=curvature)
+
+    @property
+    def stage_values(self) -> Array:
+        """Values (N, q) of the stage's parameters."""
+        columns = [np.broadcast_to(np.array(values), (self.horizon,)) for _, values in self.stage_parameters]
+        return np.column_stack(columns) if columns else np.zeros((self.horizon, 0))
+
+    def assign(self, stage: Array, values: Mapping[str, Any]) -> None:
+        """Write values of the stage's parameters, one or N each, to their columns in ``stage`` (N, q).
+
+        Raises UserError for an unknown name and for values that don't cover the horizon.
+        """
+        names = [name for name, _ in self.stage_parameters]
+        for name in values:
+            if name not in names:
+                raise UserError(f"mpc: there is no stage parameter {name}: {known(name, names)}")
+        for name, numbers_ in _stage_parameters(values, self.horizon):
+            stage[:, names.index(name)] = numbers_
 
     @property
     def weights(self) -> StageWeights:
@@ -195,16 +253,35 @@ class ControlProblem:
         return _stage_weights(self)
 
     def _weights(self, stages: int) -> StageWeights:
-        outputs = np.array(self.output_weights) / np.array(self.output_scales) ** 2
+        outputs = np.tile(np.array(self.output_weights) / np.array(self.output_scales) ** 2, (stages, 1))
+        if self.final_output_weights and stages == self.horizon:
+            outputs[-1] = np.array(self.final_output_weights) / np.array(self.output_scales) ** 2
+        terms, none = self.terms, np.zeros(outputs.shape)
         return StageWeights(
-            outputs=np.tile(outputs, (stages, 1)),
+            outputs=np.hstack([outputs, *(self._staged(term, term.weight, 0.0, stages) for term in terms)]),
+            prices=np.hstack([none, *(self._staged(term, term.price, 0.0, stages) for term in terms)]),
             rates=np.tile(self.rate_weights, (stages, 1)),
             inputs=np.tile(self.input_weights, (stages, 1)),
             low=np.array(self.state_low),
             high=np.array(self.state_high),
             linear=np.array(self.soft_linear),
             quadratic=np.array(self.soft_quadratic),
+            value_low=np.hstack(
+                [none - math.inf, *(self._staged(term, (term.low,), -math.inf, stages) for term in terms)]
+            ),
+            value_high=np.hstack(
+                [none + math.inf, *(self._staged(term, (term.high,), math.inf, stages) for term in terms)]
+            ),
+            value_linear=np.concatenate([none[0], [term.soft_linear for term in terms]]),
+            value_quadratic=np.concatenate([none[0], [term.soft_quadratic for term in terms]]),
         )
+
+    def _staged(self, term: Term, values: Numbers, without: float, stages: int) -> Array:
+        """A column (stages, 1) of a term's values; ``without`` where it does not count."""
+        found = np.broadcast_to(np.array(values, dtype=float), (self.horizon,)).copy()
+        if term.final:
+            found[:-1] = without
+        return found[:stages, None]
 
 
 @lru_cache
@@ -221,3 +298,19 @@ def _numbers(name: str, values: Any) -> Numbers:
     if not found or any(math.isnan(value) for value in found):
         raise UserError(f"mpc: {name} is {values!r}; it needs numbers")
     return found
+
+
+def _stage_parameters(given: Any, horizon: int) -> tuple[tuple[str, Numbers], ...]:
+    """Names and values of the stage's parameters. Raises UserError for values that don't cover the horizon."""
+    pairs = given.items() if isinstance(given, Mapping) else given
+    found = []
+    for name, values in pairs:
+        sound = _numbers(f"stage parameter {name}", values)
+        if not all(map(math.isfinite, sound)):
+            raise UserError(f"mpc: stage parameter {name} is not finite")
+        if len(sound) not in (1, horizon):
+            raise UserError(
+                f"mpc: stage parameter {name} has {len(sound)} values; it needs one, or {horizon}, one for each stage"
+            )
+        found.append((str(name), sound))
+    return tuple(found)

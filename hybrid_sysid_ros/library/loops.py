@@ -161,8 +161,8 @@ def simulate(
     parameters don't fit each other.
     """
     described = arguments.rig_of(rig)
-    used = _model(described, model)
-    values = _parameters(described, parameters)
+    used = used_model(described, model)
+    values = settings_of(described, parameters)
     problem, driver = _controller(described, used, controller, policy, values["controller"])
     signal, length = _reference(described, reference, values["reference"])
     duration = (
@@ -194,7 +194,8 @@ def simulate(
     )
 
 
-def _model(rig: Rig, model: AnyModel | None) -> Model:
+def used_model(rig: Rig, model: AnyModel | None) -> Model:
+    """A model of the rig, by default the one that comes with the package."""
     if model is None:
         return load_model(shipped(rig.name, "model"), rig=rig.source)
     return sealed(arguments.given_model(model, rig))
@@ -212,7 +213,7 @@ ARGUMENTS = {"policy": "controller", "policy_path": "policy", "model": "model"}
 """Arguments of :func:`simulate` by the parameters of nodes in whose place they are."""
 
 
-def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
+def settings_of(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
     """Values of the nodes' parameters, in lockstep, since nothing is late here."""
     values = {node: defaults(rig, node) for node in NODES}
     for name, value in arguments.mapping_of(given, "parameters", '{"controller.horizon": 10}').items():

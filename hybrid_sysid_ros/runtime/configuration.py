@@ -34,7 +34,7 @@ from hybrid_sysid_ros.runtime.parameters import (
 )
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import numbers
+from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
 __all__ = [
     "CAMERA", "TRAINED", "NodeParameter", "SetPointRange", "check_rules", "check_tolerances", "controller_model",
@@ -48,6 +48,8 @@ OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 AT_FIRST = 10.0
 """Initial deviation of an offset, in units of its drift in one second: as much as it drifts in 100 s."""
+DECLARED = ("terms", "stage_parameters", "final_output_weights")
+"""Fields of the problem that the section mpc of a rig's file declares."""
 NONE = 1e9
 """A bound of a state that is at least this large counts as no bound."""
 RESUME_SECONDS = 1.0
@@ -152,7 +154,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     system: the MPC's model, by default the rig's system. States that only the model has are unbounded. A model that
     holds only at its own step is predicted with that step, whatever `substeps` is. Where `limits` is `rig`, the rig's
     travel and validity bound the states softly, and the rates of its actuators the changes of inputs, unless a
-    stabiliser has a part in these.
+    stabiliser has a part in these. The section mpc of the rig's file declares further terms.
     Raises UserError for a number that makes no valid problem.
     """
     system = system or rig.system
@@ -175,7 +177,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     prices = tuple(max(price, least.get(item.name, 0.0)) for price, item in zip(prices, system.states, strict=True))
     rates = input_rates(of_inputs("input_rate"), rig if kept and not isinstance(system, Stabilised) else None)
     low, high = rig.limits
-    return ControlProblem(
+    problem = ControlProblem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=_substeps(values, system),
@@ -192,7 +194,13 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         state_high=of_states("state_high", math.inf, 1),
         soft_linear=of_states("soft_linear", 0.0),
         soft_quadratic=prices,
-    ).sized(system)
+    )
+    further = section(rig.content, "mpc", str(rig.file))
+    try:
+        refuse_unknown(further, DECLARED, "mpc")
+        return replace(problem, **further).sized(system)
+    except UserError as error:
+        raise UserError(f"{rig.file}: {error}" if further else f"{error}") from error
 
 
 def _substeps(values: Mapping[str, Any], system: System) -> int:

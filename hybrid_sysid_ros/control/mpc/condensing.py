@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from hybrid_sysid_ros.control.mpc.curvature import factor
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.problem import stage_cost
@@ -26,7 +27,7 @@ NO_BOUND = 1e30
 def condense(horizon: Horizon, program: Program) -> None:
     """Compute states and outputs as functions of the inputs, the Gauss-Newton Hessian and the rows of bounds."""
     count, n = horizon.linear.reached.shape
-    m, p, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
+    m, values, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
     condensed, limits, hessian = horizon.condensed, horizon.limits, pointer(program.hessian)
     response, sensitivity = pointer(condensed.input_response), pointer(condensed.output_sensitivity)
     for c in range(v * v):
@@ -34,8 +35,8 @@ def condense(horizon: Horizon, program: Program) -> None:
     for i in range(count):
         _propagate(horizon, i)
         wide = (i + 1) * m
-        for k in range(p):
-            row = (i * p + k) * v
+        for k in range(values):
+            row = (i * values + k) * v
             for c in range(wide):
                 sensitivity[row + c] = 0.0
             for a in range(n):
@@ -57,6 +58,11 @@ def condense(horizon: Horizon, program: Program) -> None:
         for i in range(count):
             for c in range((i + 1) * m):
                 program.rows[first + r * count + i, c] = condensed.input_response[i, limits.bounded[r], c]
+    first += limits.bounded.shape[0] * count
+    for r in range(limits.values.shape[0]):
+        for i in range(count):
+            for c in range((i + 1) * m):
+                program.rows[first + r * count + i, c] = condensed.output_sensitivity[i, limits.values[r], c]
 
 
 @inner
@@ -135,7 +141,8 @@ def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off
     initial state or disturbance than the instance.
     """
     count, n = horizon.linear.reached.shape
-    m, p, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
+    m, p, v = horizon.inputs.shape[1], instance.preview.shape[1], program.gradient.shape[0]
+    values = horizon.linear.outputs.shape[1]
     weights, inputs, gradient = horizon.weights, horizon.inputs, pointer(program.gradient)
     sensitivity = pointer(horizon.condensed.output_sensitivity)
     for c in range(v):
@@ -145,14 +152,18 @@ def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off
         before = instance.previous if i == 0 else inputs[i - 1]
         if off_instance:
             _predicted_deviation(horizon, instance, i, deviation)
-        for k in range(p):
-            error = horizon.linear.outputs[i, k] - instance.preview[i, k]
+        for k in range(values):
+            error = horizon.linear.outputs[i, k]
+            if k < p:
+                error -= instance.preview[i, k]
             if off_instance:
                 for a in range(n):
                     error += horizon.linear.C[i, k, a] * deviation[a]
-                for j in range(m):
+                for j in range(m if k < p else 0):  # terms have the inputs without their disturbance
                     error += horizon.linear.D[i, k, j] * (instance.disturbance[j] - horizon.disturbance[j])
-            slope, row = 2.0 * weights.outputs[i, k] * error, (i * p + k) * v
+            slope, row = 2.0 * weights.outputs[i, k] * error, (i * values + k) * v
+            if k >= p:
+                slope += weights.prices[i, k]
             if slope != 0.0:
                 for c in range((i + 1) * m):
                     gradient[c] += slope * sensitivity[row + c]
@@ -164,6 +175,14 @@ def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off
             row = v + (horizon.limits.rated.shape[0] + r) * count + i
             program.lower[row] = max(weights.low[a] - expected, -NO_BOUND)
             program.upper[row] = min(weights.high[a] - expected, NO_BOUND)
+        for r in range(horizon.limits.values.shape[0]):
+            k = horizon.limits.values[r]
+            expected = horizon.linear.outputs[i, k]
+            for a in range(n):
+                expected += horizon.linear.C[i, k, a] * deviation[a]
+            row = v + (horizon.limits.rated.shape[0] + horizon.limits.bounded.shape[0] + r) * count + i
+            program.lower[row] = max(weights.value_low[i, k] - expected, -NO_BOUND)
+            program.upper[row] = min(weights.value_high[i, k] - expected, NO_BOUND)
 
 
 @inner
@@ -223,7 +242,7 @@ def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None
     for i in range(count - 1, -1, -1):
         after = horizon.lagrangian.adjoint[i + 1]
         for k in range(horizon.linear.outputs.shape[1]):
-            slope = 2.0 * horizon.weights.outputs[i, k] * (horizon.linear.outputs[i, k] - instance.preview[i, k])
+            slope = factor(horizon, program, instance, i, k)
             for a in range(n):
                 after[a] += slope * horizon.linear.C[i, k, a]
         for r in range(horizon.limits.bounded.shape[0]):
@@ -239,8 +258,13 @@ def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None
 def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
     """Compute the step of inputs and states from a solution of the program; return the predicted cost."""
     linear, step = horizon.linear, horizon.step
-    (count, n), m, p = linear.reached.shape, horizon.inputs.shape[1], linear.outputs.shape[1]
-    y, u, before, x = np.empty(p), np.empty(m), np.empty(m), np.empty(n)
+    (count, n), m, values, p = (
+        linear.reached.shape,
+        horizon.inputs.shape[1],
+        linear.outputs.shape[1],
+        instance.preview.shape[1],
+    )
+    y, u, before, x = np.empty(values), np.empty(m), np.empty(m), np.empty(n)
     cost = 0.0
     for j in range(m):
         before[j] = instance.previous[j]
@@ -259,12 +283,13 @@ def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
                 total += linear.A[i, a, b] * step.states[i, b]
             step.states[i + 1, a] = total
             x[a] = horizon.states[i + 1, a] + total
-        for k in range(p):
+        for k in range(values):
             y[k] = linear.outputs[i, k]
             for a in range(n):
                 y[k] += linear.C[i, k, a] * step.states[i + 1, a]
             for j in range(m):
-                y[k] += linear.D[i, k, j] * (step.inputs[i, j] + instance.disturbance[j] - horizon.disturbance[j])
+                shifted = instance.disturbance[j] if k < p else horizon.disturbance[j]
+                y[k] += linear.D[i, k, j] * (step.inputs[i, j] + shifted - horizon.disturbance[j])
         cost += stage_cost(horizon.weights, i, y, instance.preview[i], u, before, x)
         for j in range(m):
             before[j] = u[j]

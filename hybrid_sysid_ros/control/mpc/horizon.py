@@ -1,6 +1,7 @@
 """The memory of one horizon: the instance, the prediction model, a trajectory and the problem linearised around it.
 
-N = horizon, n = states, m = inputs, p = outputs, v = N m: all inputs in a row, u_0 first.
+N = horizon, n = states, m = inputs, p = outputs, r = values of a stage: outputs and terms, v = N m: all inputs in a
+row, u_0 first.
 """
 
 from __future__ import annotations
@@ -62,8 +63,14 @@ class PredictionModel(Shared):
     step_jacobian: int
     """Address of a step with derivatives, where stick-slip is rounded by the smoothing (:data:`~.call.JACOBIAN`)."""
     output: int
-    """Address of the output map."""
+    """Address of the values of a stage: the outputs, and the terms behind them."""
     output_jacobian: int
+    curvature: int
+    """Address of the second derivatives of a sum of these (:class:`~hybrid_sysid_ros.control.terms.StageTerms`); 0
+    where there are no terms.
+    """
+    stage: Array
+    """Parameters of each stage, (N, q); empty where there are no terms."""
     parameters: Array
     """(parameters,)."""
     network: Array
@@ -101,24 +108,28 @@ class InputLimits(Shared):
     """Inputs whose changes are limited: N rows each in the quadratic program."""
     bounded: NDArray[np.int64]
     """States with bounds: N rows each after those."""
+    values: NDArray[np.int64]
+    """Values with bounds: N rows each after those."""
+    hard: NDArray[np.bool_]
+    """Whether those bounds hold without exception."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonLinearisation(Shared):
-    """The model along a trajectory: x_{i+1} = reached_i + A_i dx + B_i du, y_i = outputs_i + C_i dx + D_i du."""
+    """The model along a trajectory: x_{i+1} = reached_i + A_i dx + B_i du, values_i = outputs_i + C_i dx + D_i du."""
 
     reached: Array
     """States at the end of each interval, (N, n)."""
     outputs: Array
-    """(N, p) at the end of each interval."""
+    """(N, r) at the end of each interval."""
     A: Array
     """Derivative of an interval's final state by its initial state, (N, n, n)."""
     B: Array
     """Derivative of an interval's final state by its inputs, (N, n, m)."""
     C: Array
-    """Derivative of the outputs by the states at the end, (N, p, n)."""
+    """Derivative of the values by the states at the end, (N, r, n)."""
     D: Array
-    """Derivative of the outputs by the inputs of the interval, (N, p, m)."""
+    """Derivative of the values by the inputs of the interval, (N, r, m)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,7 +145,7 @@ class CondensedHorizon(Shared):
     defect: Array
     """Effect of the trajectory's gaps, (N, n)."""
     output_sensitivity: Array
-    """(N, p, v), derivative of the outputs by all inputs."""
+    """(N, r, v), derivative of the values by all inputs."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,6 +166,10 @@ class Lagrangian(Shared):
     """Derivative of the Lagrangian by each state, the initial one first, (N + 1, n)."""
     curvature: Array
     """Second derivatives of each interval's end by its state and inputs, weighted by its adjoint, (N, n + m, n + m)."""
+    bend: Array
+    """Second derivatives of the values by the states at an interval's end and its inputs, weighted by their factors in
+    the Lagrangian, (N, n + m, n + m).
+    """
     jacobian: Array
     """[A, B] of each interval at the previous iterate, (N, n, n + m)."""
     point: Array
@@ -170,11 +185,15 @@ class Work(Shared):
     moved: Array
     """(n, n + m), [A, B] one step later."""
     derivatives: Array
-    """(n + p, n + m), of one step, or of the outputs in the first p rows."""
+    """(n, n + m), of one step."""
+    slopes: Array
+    """(r, n + arguments), of the values."""
     state: Array
     """(n,)."""
     drive: Array
-    """(m,), inputs with the disturbance."""
+    """(arguments,), inputs with the disturbance, and where there are terms the parameters of a stage, the disturbance
+    and the values' factors in the Lagrangian.
+    """
     following: Array
     """(n,)."""
 
@@ -212,12 +231,14 @@ class Horizon(Shared):
 
 def prediction(system: System, problem: ControlProblem) -> PredictionModel:
     """The model of a problem, compiled once for each form of system (some seconds) and cached on disk."""
-    functions = compiled(system)
+    functions, values = compiled(system), compiled(problem.outputs_of(system))
     return PredictionModel(
         step=functions.step,
         step_jacobian=functions.jacobian(smooth=problem.smoothing > 0.0)[0],
-        output=functions.output,
-        output_jacobian=functions.jacobian(output=True)[0],
+        output=values.output,
+        output_jacobian=values.jacobian(output=True)[0],
+        curvature=compiled(problem.outputs_of(system, curvature=True)).output if problem.terms else 0,
+        stage=problem.stage_values if problem.terms else np.zeros((problem.horizon, 0)),
         parameters=system.values,
         network=np.ascontiguousarray(system.weights, dtype=float),
         h=problem.period / problem.substeps,
@@ -238,6 +259,9 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
     n, m, p, count = len(system.states), len(system.inputs), len(system.outputs), problem.horizon
     weights, rate, v = problem.weights, np.array(problem.rate_limits), problem.horizon * len(system.inputs)
     path = {"states": (count + 1, n), "inputs": (count, m)}
+    r, arguments = weights.outputs.shape[1], len(problem.outputs_of(system).inputs)
+    limited = np.isfinite(weights.value_low).any(axis=0) | np.isfinite(weights.value_high).any(axis=0)
+    hard = np.array([False] * p + [term.hard for term in problem.terms])
     return Horizon(
         **_zeros(**path, disturbance=(m,), planned=(count, m), simulated=(count + 1, n)),
         last=HorizonTrajectory(**_zeros(**path, disturbance=(m,))),
@@ -248,24 +272,26 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
             rate=rate,
             rated=np.flatnonzero(np.isfinite(rate)),
             bounded=np.flatnonzero(np.isfinite(weights.low) | np.isfinite(weights.high)),
+            values=np.flatnonzero(limited),
+            hard=hard[limited],
         ),
         linear=HorizonLinearisation(
-            **_zeros(reached=(count, n), outputs=(count, p)),
-            **_zeros(A=(count, n, n), B=(count, n, m), C=(count, p, n), D=(count, p, m)),
+            **_zeros(reached=(count, n), outputs=(count, r)),
+            **_zeros(A=(count, n, n), B=(count, n, m), C=(count, r, n), D=(count, r, m)),
         ),
         condensed=CondensedHorizon(
             **_zeros(state_transition=(count, n, n), input_response=(count, n, v)),
-            **_zeros(defect=(count, n), output_sensitivity=(count, p, v)),
+            **_zeros(defect=(count, n), output_sensitivity=(count, r, v)),
         ),
         step=SolutionStep(**_zeros(**path)),
         lagrangian=Lagrangian(
             **_zeros(adjoint=(count + 1, n), curvature=(count, n + m, n + m)),
-            **_zeros(jacobian=(count, n, n + m), point=(count, n + m)),
+            **_zeros(bend=(count, n + m, n + m), jacobian=(count, n, n + m), point=(count, n + m)),
         ),
         progress=np.zeros(1, PROGRESS),
         work=Work(
-            **_zeros(total=(n, n + m), moved=(n, n + m), derivatives=(n + p, n + m)),
-            **_zeros(state=(n,), drive=(m,), following=(n,)),
+            **_zeros(total=(n, n + m), moved=(n, n + m), derivatives=(n, n + m)),
+            **_zeros(slopes=(r, n + arguments), state=(n,), drive=(arguments + r,), following=(n,)),
         ),
     )
 

@@ -1,22 +1,11 @@
-"""The model along a horizon in compiled code: ends of intervals, their derivatives, and the Lagrangian's Hessian.
-
-Where Gauss-Newton's Hessian is not enough, the curvature of the dynamics is added and kept positive.
-"""
+"""The model along a horizon in compiled code: ends of intervals, values of stages, and their derivatives."""
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, PredictionModel
-from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
-
-DIFFERENCE = 1e-7
-"""Relative difference of states and inputs, absolute below 1, for second derivatives."""
 
 
 @inner
@@ -43,8 +32,8 @@ def linearise(prediction: PredictionModel, horizon: Horizon, smoothing: float, s
     """
     n, m = horizon.linear.B.shape[1:]
     for i in range(horizon.inputs.shape[0]):
-        _set_out(horizon, i)
-        total = _interval(prediction, horizon, smoothing, horizon.linear.reached[i])
+        set_out(horizon, i)
+        total = end_of_interval(prediction, horizon, smoothing, horizon.linear.reached[i])
         for a in range(n):
             for b in range(n):
                 horizon.linear.A[i, a, b] = total[a, b]
@@ -52,12 +41,12 @@ def linearise(prediction: PredictionModel, horizon: Horizon, smoothing: float, s
                 horizon.linear.B[i, a, j] = total[a, n + j]
         if single:
             assign(horizon.states[i + 1], horizon.linear.reached[i])
-        _observe(prediction, horizon, i)
+        _evaluate(prediction, horizon, i)
 
 
 @inner
-def _set_out(horizon: Horizon, i: int) -> None:
-    """Set the state and the disturbed inputs of interval i, with which :func:`_interval` begins."""
+def set_out(horizon: Horizon, i: int) -> None:
+    """Set the state and the disturbed inputs of interval i, with which :func:`end_of_interval` begins."""
     x, drive = horizon.work.state, horizon.work.drive
     for a in range(horizon.states.shape[1]):
         x[a] = horizon.states[i, a]
@@ -66,7 +55,17 @@ def _set_out(horizon: Horizon, i: int) -> None:
 
 
 @inner
-def _interval(prediction: PredictionModel, horizon: Horizon, smoothing: float, following: Array) -> Array:
+def set_stage(prediction: PredictionModel, i: int, disturbance: Array, drive: Array) -> None:
+    """Write what the terms of stage i need behind the inputs in ``drive``: the stage's parameters, the disturbance."""
+    m, q = disturbance.shape[0], prediction.stage.shape[1]
+    for c in range(q):
+        drive[m + c] = prediction.stage[i, c]
+    for j in range(m):
+        drive[m + q + j] = disturbance[j]
+
+
+@inner
+def end_of_interval(prediction: PredictionModel, horizon: Horizon, smoothing: float, following: Array) -> Array:
     """Write the end of an interval to ``following`` (n,); return its [A, B] (n, n + m)."""
     n, m = horizon.linear.B.shape[1:]
     work = horizon.work
@@ -96,10 +95,12 @@ def _chain(jacobian: Array, total: Array, moved: Array, n: int, m: int) -> None:
 
 
 @inner
-def _observe(prediction: PredictionModel, horizon: Horizon, i: int) -> None:
-    """Compute the outputs at the end of interval i, and C and D."""
+def _evaluate(prediction: PredictionModel, horizon: Horizon, i: int) -> None:
+    """Compute the values of stage i, which begins with :func:`set_out`, and C and D."""
     n, m = horizon.linear.B.shape[1:]
-    jacobian, drive = horizon.work.derivatives, horizon.work.drive
+    jacobian, drive = horizon.work.slopes, horizon.work.drive
+    if prediction.curvature != 0:
+        set_stage(prediction, i, horizon.disturbance, drive)
     call_jacobian(
         prediction.output_jacobian, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
         prediction.h, 0.0, horizon.linear.outputs[i], jacobian,
@@ -111,209 +112,36 @@ def _observe(prediction: PredictionModel, horizon: Horizon, i: int) -> None:
             horizon.linear.D[i, k, j] = jacobian[k, n + j]
 
 
+RESTORATIONS, VIOLATION = 8, 1e-13
+"""Most steps back to the hard bounds of a stage's terms, and the distance that is left."""
+
+
 @inner
-def find_curvature(prediction: PredictionModel, horizon: Horizon) -> None:
-    """Compute second derivatives of each interval's end, weighted by its adjoint, by differences of [A, B]."""
-    n, m = horizon.linear.B.shape[1:]
-    x, drive, following = horizon.work.state, horizon.work.drive, horizon.work.following
+def keep_hard(prediction: PredictionModel, horizon: Horizon) -> None:
+    """Move the inputs of each interval to where the hard bounds on terms hold, by Newton's method along each gradient.
+
+    Such terms depend on inputs alone. So every iterate keeps them, and a step needs no price of their violation.
+    """
+    limits, weights, linear, slopes = horizon.limits, horizon.weights, horizon.linear, horizon.work.slopes
+    n, m = linear.B.shape[1:]
     for i in range(horizon.inputs.shape[0]):
-        curvature, adjoint = horizon.lagrangian.curvature[i], horizon.lagrangian.adjoint[i + 1]
-        for r in range(n + m):
-            _set_out(horizon, i)
-            if r < n:
-                h = DIFFERENCE * (1.0 + abs(x[r]))
-                x[r] += h
-            else:
-                h = DIFFERENCE * (1.0 + abs(drive[r - n]))
-                drive[r - n] += h
-            total = _interval(prediction, horizon, prediction.smoothing, following)
-            for c in range(n + m):
-                slope = 0.0
-                for a in range(n):
-                    before = horizon.linear.A[i, a, c] if c < n else horizon.linear.B[i, a, c - n]
-                    slope += adjoint[a] * (total[a, c] - before)
-                curvature[r, c] = slope / h
-        for r in range(n + m):
-            for c in range(r):
-                curvature[r, c] = curvature[c, r] = 0.5 * (curvature[r, c] + curvature[c, r])
-
-
-LEAST_SHIFT = 1e-4
-"""First shift of the diagonal of a Hessian that is not positive definite, relative to Gauss-Newton's largest entry. It
-is doubled until the Hessian is: a larger shift would make steps short, a much smaller one would take many trials.
-"""
-
-HOLD = 100.0
-"""Curvature across active constraints, relative to the largest entry of a Hessian that is not positive definite, which
-far from the reference is much larger than Gauss-Newton's.
-"""
-
-
-@inner
-def keep_derivatives(horizon: Horizon) -> None:
-    """Keep [A, B] and their iterate for :func:`update_curvature`."""
-    n, m = horizon.linear.B.shape[1:]
-    for i in range(horizon.inputs.shape[0]):
-        jacobian, point = horizon.lagrangian.jacobian[i], horizon.lagrangian.point[i]
-        for a in range(n):
-            point[a] = horizon.states[i, a]
-            for b in range(n):
-                jacobian[a, b] = horizon.linear.A[i, a, b]
-            for j in range(m):
-                jacobian[a, n + j] = horizon.linear.B[i, a, j]
-        for j in range(m):
-            point[n + j] = horizon.inputs[i, j]
-
-
-@inner
-def update_curvature(horizon: Horizon) -> None:
-    """Symmetric rank-one update of each interval's curvature from the change of its [A, B] over the last step.
-
-    Conn, Gould & Toint (1991), Mathematical Programming 50. For single intervals a few steps determine it.
-    """
-    n, m = horizon.linear.B.shape[1:]
-    moved, off = np.empty(n + m), np.empty(n + m)
-    for i in range(horizon.inputs.shape[0]):
-        kept = horizon.lagrangian
-        curvature, jacobian, point = kept.curvature[i], kept.jacobian[i], kept.point[i]
-        for a in range(n):
-            moved[a] = horizon.states[i, a] - point[a]
-        for j in range(m):
-            moved[n + j] = horizon.inputs[i, j] - point[n + j]
-        across = far = size = 0.0
-        for c in range(n + m):
-            total = 0.0
-            for a in range(n):
-                now = horizon.linear.A[i, a, c] if c < n else horizon.linear.B[i, a, c - n]
-                total += horizon.lagrangian.adjoint[i + 1, a] * (now - jacobian[a, c])
-            for d in range(n + m):
-                total -= curvature[c, d] * moved[d]
-            off[c] = total
-            across += total * moved[c]
-            far += total * total
-            size += moved[c] * moved[c]
-        if abs(across) > 1e-3 * math.sqrt(far * size):
-            for c in range(n + m):
-                for d in range(n + m):
-                    curvature[c, d] += off[c] * off[d] / across
-
-
-@inner
-def add_curvature(horizon: Horizon, program: Program) -> None:
-    """Add E' curvature_i E of all intervals to the Hessian, E (n + m, v) being the derivative of an interval's state
-    and inputs by all inputs, and make it positive definite.
-    """
-    (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
-    largest = 0.0
-    for c in range(v):
-        largest = max(largest, program.hessian[c, c])
-    moved, bent = np.zeros((n + m, v)), np.zeros((n + m, v))
-    hessian, e, t = pointer(program.hessian), pointer(moved), pointer(bent)
-    input_response = pointer(horizon.condensed.input_response)
-    for i in range(count):
-        wide = (i + 1) * m
-        for a in range(n):
-            for c in range(i * m):
-                e[a * v + c] = input_response[((i - 1) * n + a) * v + c]
-            for c in range(i * m, wide):
-                e[a * v + c] = 0.0
-        for j in range(m):
-            for c in range(wide):
-                e[(n + j) * v + c] = 1.0 if c == i * m + j else 0.0
-        for a in range(n + m):
-            for c in range(wide):
-                t[a * v + c] = 0.0
-            for b in range(n + m):
-                slope = horizon.lagrangian.curvature[i, a, b]
-                for c in range(wide):
-                    t[a * v + c] += slope * e[b * v + c]
-        for a in range(n + m):
-            for c in range(wide):
-                slope, to = e[a * v + c], c * v
-                if slope != 0.0:
-                    for d in range(wide):
-                        hessian[to + d] += slope * t[a * v + d]
-    _make_positive(horizon, program, largest)
-
-
-@inner
-def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
-    """Make the Hessian positive definite, if it is not, without changing it where inputs are free: by curvature across
-    the active constraints (Nocedal & Wright 2006, section 17.3), and, only where it is still indefinite, by a shift of
-    its diagonal, which shortens all steps.
-    """
-    hessian, factor = program.hessian, np.empty_like(program.hessian)
-    if _factorise(hessian, factor):
-        return
-    most = largest
-    for c in range(hessian.shape[0]):
-        most = max(most, abs(hessian[c, c]))
-    _hold_active(horizon, program, HOLD * most)
-    if _factorise(hessian, factor):
-        return
-    _price_active(horizon, program)
-    if _factorise(hessian, factor):
-        return
-    shift = LEAST_SHIFT * largest
-    for _ in range(60):  # a NaN Hessian stays as it is
-        for c in range(hessian.shape[0]):
-            hessian[c, c] += shift
-        if _factorise(hessian, factor):
-            return
-        shift *= 2.0
-
-
-@inner
-def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
-    """Add curvature across the bounds and rate limits that are active in the last solution."""
-    (count, m), v = horizon.inputs.shape, program.gradient.shape[0]
-    for c in range(v):
-        if program.multipliers[c] != 0.0:
-            program.hessian[c, c] += hold
-    for r in range(horizon.limits.rated.shape[0]):
-        for i in range(count):
-            if program.multipliers[v + r * count + i] != 0.0:
-                c = i * m + horizon.limits.rated[r]
-                program.hessian[c, c] += hold
-                if i > 0:
-                    program.hessian[c - m, c - m] += hold
-                    program.hessian[c, c - m] -= hold
-                    program.hessian[c - m, c] -= hold
-
-
-@inner
-def _price_active(horizon: Horizon, program: Program) -> None:
-    """Add the curvature of the price across the soft bounds that are active in the last solution. The program has it
-    outside its Hessian, which must be positive definite alone; more would hold a state outside the bounds.
-    """
-    count, v = horizon.inputs.shape[0], program.gradient.shape[0]
-    first, hessian, rows = v + horizon.limits.rated.shape[0] * count, pointer(program.hessian), pointer(program.rows)
-    for r in range(horizon.limits.bounded.shape[0]):
-        price = 2.0 * horizon.weights.quadratic[horizon.limits.bounded[r]]
-        for i in range(count):
-            if program.multipliers[first + r * count + i] != 0.0:
-                row = (first - v + r * count + i) * v
-                for c in range(v):
-                    slope = price * rows[row + c]
-                    if slope != 0.0:
-                        for d in range(v):
-                            hessian[c * v + d] += slope * rows[row + d]
-
-
-@inner
-def _factorise(hessian: Array, factor: Array) -> bool:
-    """Cholesky's factor; False where a matrix is not positive definite."""
-    v = hessian.shape[0]
-    h, f = pointer(hessian), pointer(factor)
-    for c in range(v):
-        for d in range(c + 1):
-            total = h[c * v + d]
-            for k in range(d):
-                total -= f[c * v + k] * f[d * v + k]
-            if c == d:
-                if not total > 0.0:
-                    return False
-                f[c * v + c] = math.sqrt(total)
-            else:
-                f[c * v + d] = total / f[d * v + d]
-    return True
+        u = horizon.inputs[i]
+        for _ in range(RESTORATIONS):
+            set_out(horizon, i)
+            _evaluate(prediction, horizon, i)
+            most = 0.0
+            for r in range(limits.values.shape[0]):
+                k = limits.values[r]
+                above, below = (
+                    linear.outputs[i, k] - weights.value_high[i, k],
+                    weights.value_low[i, k] - linear.outputs[i, k],
+                )
+                if limits.hard[r] and max(above, below) > VIOLATION:
+                    most, size = max(most, above, below), 0.0
+                    for j in range(m):
+                        size += slopes[k, n + j] * slopes[k, n + j]
+                    for j in range(m if size > 0.0 else 0):
+                        move = (above if above > below else -below) * slopes[k, n + j] / size
+                        u[j] = min(max(u[j] - move, limits.low[j]), limits.high[j])
+            if most == 0.0:
+                break

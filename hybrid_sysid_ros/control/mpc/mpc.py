@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -84,6 +85,14 @@ class ExactMpc:
     def shooting(self) -> HorizonMemory:
         """Its memory; the inputs of its horizon are the last plan, shifted by :meth:`prepare`."""
         return self._shooting
+
+    def assign(self, **values: Any) -> None:
+        """Give parameters of the stages by their names, one value for all or N: limits, prices, places of obstacles.
+
+        They hold until they are given again. Raises UserError for an unknown name, and for values that are not numbers
+        or don't cover the horizon.
+        """
+        self.problem.assign(self._shooting.prediction.stage, values)
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
         """Take another controller's plan as the last one: inputs (N, m) and their states (N + 1, n) under an input

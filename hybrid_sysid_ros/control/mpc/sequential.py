@@ -17,18 +17,19 @@ from hybrid_sysid_ros.control.mpc.condensing import (
     find_adjoint,
     residual,
 )
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
-from hybrid_sysid_ros.control.mpc.linearisation import (
+from hybrid_sysid_ros.control.mpc.curvature import (
     add_curvature,
-    assign,
+    bend_values,
     find_curvature,
     keep_derivatives,
-    linearise,
     update_curvature,
 )
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
+from hybrid_sysid_ros.control.mpc.linearisation import assign, keep_hard, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.support.arrays import Array
 
 HALVINGS = 8
 """Most halvings of a step in search of a cost that is not higher."""
@@ -74,6 +75,8 @@ def solve(
     progress = horizon.progress[0]
     if anew:
         progress.steps, progress.residual, progress.with_curvature = 0, 0.0, False
+    if horizon.limits.hard.any():
+        keep_hard(prediction, horizon)
     linearise(prediction, horizon, prediction.smoothing, True)
     cost, last, done = cost_of(horizon, instance), progress.residual, 0
     while True:
@@ -119,7 +122,11 @@ def _find_hessian(
         curvature = pointer(horizon.lagrangian.curvature)
         for c in range(horizon.lagrangian.curvature.size):
             curvature[c] = 0.0
-    else:
+    bending = prediction.curvature != 0
+    if bending:
+        bend_values(prediction, horizon, program, instance)
+        progress.with_curvature = True
+    if progress.steps > 0:
         find_adjoint(horizon, program, instance)
         if progress.with_curvature and progress.steps > PATIENCE and error > STALLED * last:
             find_curvature(prediction, horizon)
@@ -127,8 +134,8 @@ def _find_hessian(
             update_curvature(horizon)
         if error > SLOW * last:
             progress.with_curvature = True
-        if progress.with_curvature:
-            add_curvature(horizon, program)
+    if progress.with_curvature:
+        add_curvature(horizon, program, bending)
     keep_derivatives(horizon)
 
 
@@ -137,16 +144,22 @@ def _search(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float, first: bool
 ) -> float:
     """Make the step of a solution, halved until the cost is not higher, and linearise there; return the new cost."""
-    length = 1.0
+    length, hard = 1.0, horizon.limits.hard.any()
+    if hard:
+        _copy_inputs(horizon.inputs, horizon.step.inputs)
     _step(horizon, program, 1.0)
     for halving in range(HALVINGS + 1):
+        if hard:
+            keep_hard(prediction, horizon)
         linearise(prediction, horizon, prediction.smoothing, True)
         found = cost_of(horizon, instance)
         if found <= cost + 1e-9 * abs(cost):
             break
         if halving < HALVINGS:
             length *= 0.5
-            _step(horizon, program, -length)
+            if hard:
+                _copy_inputs(horizon.step.inputs, horizon.inputs)
+            _step(horizon, program, length if hard else -length)
         if first and halving == 1 and prediction.smoothing > 0.0:
             _step(horizon, program, -length)
             length = _coarse_step(prediction, horizon, program, instance)
@@ -164,6 +177,12 @@ def _coarse_step(prediction: PredictionModel, horizon: Horizon, program: Program
     quadratic.keep_working_set(program)
     _step(horizon, program, 1.0)
     return 1.0
+
+
+@inner
+def _copy_inputs(values: Array, target: Array) -> None:
+    for i in range(values.shape[0]):
+        assign(target[i], values[i])
 
 
 @inner

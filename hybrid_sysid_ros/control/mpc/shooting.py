@@ -21,7 +21,7 @@ from hybrid_sysid_ros.control.mpc.condensing import (
     expand,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_horizon, prediction
-from hybrid_sysid_ros.control.mpc.linearisation import advance_interval, assign, linearise
+from hybrid_sysid_ros.control.mpc.linearisation import advance_interval, assign, keep_hard, linearise, set_stage
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
 from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights, excess, stage_cost
@@ -52,15 +52,17 @@ def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
     """
     problem = problem.sized(system)
     horizon, count, m = new_horizon(system, problem), problem.horizon, len(system.inputs)
-    hard, soft = count * len(horizon.limits.rated), count * len(horizon.limits.bounded)
+    weights, limits = horizon.weights, horizon.limits
+    rated = len(limits.rated)
+    soft = np.concatenate([np.zeros(rated, bool), np.ones(len(limits.bounded), bool), ~limits.hard])
+    linear = [np.zeros(rated), weights.linear[limits.bounded], weights.value_linear[limits.values]]
+    squares = [np.ones(rated), weights.quadratic[limits.bounded], weights.value_quadratic[limits.values]]
     program, memory = quadratic.quadratic_program(
         count * m,
-        hard + soft,
-        soft_rows=np.arange(hard + soft) >= hard,
-        soft_linear=np.concatenate([np.zeros(hard), np.repeat(horizon.weights.linear[horizon.limits.bounded], count)]),
-        soft_quadratic=np.concatenate(
-            [np.ones(hard), np.repeat(horizon.weights.quadratic[horizon.limits.bounded], count)]
-        ),
+        count * len(soft),
+        soft_rows=np.repeat(soft, count),
+        soft_linear=np.repeat(np.concatenate(linear), count),
+        soft_quadratic=np.repeat(np.concatenate(squares), count),
     )
     for r, j in enumerate(horizon.limits.rated):
         for i in range(count):
@@ -124,8 +126,9 @@ def follow(
     of a state from its bounds.
     """
     n, m = instance.state.shape[0], inputs.shape[1]
-    drive, x, following = np.empty(m), np.empty(n), np.empty(n)
-    y = np.empty(instance.preview.shape[1])
+    values, staged = weights.outputs.shape[1], prediction.curvature != 0
+    drive, x, following = np.empty(2 * m + prediction.stage.shape[1]), np.empty(n), np.empty(n)
+    y = np.empty(values)
     cost = largest = 0.0
     assign(x, instance.state)
     assign(states[0], x)
@@ -133,6 +136,8 @@ def follow(
         for j in range(m):
             drive[j] = inputs[i, j] + instance.disturbance[j]
         advance_interval(prediction, x, drive, following)
+        if staged:
+            set_stage(prediction, i, instance.disturbance, drive)
         call_value(prediction.output, x, drive, prediction.parameters, prediction.network, prediction.h, 0.0, y)
         assign(states[i + 1], x)
         before = instance.previous if i == 0 else inputs[i - 1]
@@ -179,6 +184,8 @@ def feedback(
     quadratic.keep_working_set(program)
     expected = expand(horizon, program, instance)
     apply_step(horizon, 1.0)
+    if horizon.limits.hard.any():
+        keep_hard(prediction, horizon)
     found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
     if found <= (1.0 + DOUBT) * expected:
         assign(horizon.disturbance, instance.disturbance)

@@ -31,6 +31,9 @@ class InteriorPointMpc:
         self._limits = new_horizon(system, problem)
         self._flat, self._instance = new_instance(system, problem)
         self._solver, self._bounds = _statement(system, problem, tolerance)
+        self._excesses = problem.horizon * (len(system.states) + problem.weights.outputs.shape[1])
+        self.stage = problem.stage_values
+        """Parameters (N, q) of the stages."""
         self.reset()
 
     def reset(self) -> None:
@@ -38,6 +41,10 @@ class InteriorPointMpc:
         self._inputs = np.zeros((self.horizon, len(self.system.inputs)))
         self._states = np.zeros((self.horizon + 1, len(self.system.states)))
         self._cold = True
+
+    def assign(self, **values: Any) -> None:
+        """Give parameters of the stages, see :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.assign`."""
+        self.problem.assign(self.stage, values)
 
     def prepare(self, elapsed: float) -> None:
         """Move the plan on by one interval."""
@@ -55,8 +62,10 @@ class InteriorPointMpc:
             return self._planned(Status.FAILED)
         if self._cold:
             self._inputs[:], self._states[:] = instance.previous, instance.state
-        guess = np.concatenate([self._inputs.ravel(), self._states.ravel(), np.zeros(self._states[1:].size)])
-        found = np.array(self._solver(x0=guess, p=self._flat, **self._bounds)["x"]).ravel()
+        guess = np.concatenate([self._inputs.ravel(), self._states.ravel(), np.zeros(self._excesses)])
+        found = np.array(
+            self._solver(x0=guess, p=np.concatenate([self._flat, self.stage.ravel()]), **self._bounds)["x"]
+        ).ravel()
         if not np.isfinite(found).all():
             return self._planned(Status.FAILED)
         self._cold = False
@@ -74,7 +83,9 @@ class InteriorPointMpc:
 
 
 def _statement(system: System, problem: ControlProblem, tolerance: float) -> tuple[Any, dict[str, Array]]:
-    """IPOPT for [inputs, states, excesses] of a sized problem, given [x, d, u_previous, q_1, ...], and its bounds."""
+    """IPOPT for [inputs, states, excesses] of a sized problem, given [x, d, u_previous, q_1, ..., parameters of the
+    stages], and its bounds.
+    """
     n, m, p, count = len(system.states), len(system.inputs), len(system.outputs), problem.horizon
     weights = problem.weights
     x, u = casadi.SX.sym("x", n, count + 1), casadi.SX.sym("u", m, count)
@@ -83,15 +94,25 @@ def _statement(system: System, problem: ControlProblem, tolerance: float) -> tup
     step = symbolic_step(
         system, step=problem.period / problem.substeps, substeps=problem.substeps, smoothing=problem.smoothing
     )
-    output = symbolic_output(system)
+    output = symbolic_output(problem.outputs_of(system))
     change = u - casadi.horzcat(previous, u[:, :-1])
     drives = [u[:, i] + disturbance for i in range(count)]
     ends = casadi.horzcat(*(step(x[:, i], drives[i]) for i in range(count)))
+    values, stage = weights.outputs.shape[1], casadi.SX.sym("p", len(problem.stage_parameters), count)
+    if problem.terms:
+        drives = [casadi.vertcat(drives[i], stage[:, i], disturbance) for i in range(count)]
     y = casadi.horzcat(*(output(x[:, i + 1], drives[i]) for i in range(count)))
-    cost = casadi.dot(weights.outputs.T, (y - preview) ** 2)
+    error = y - casadi.vertcat(preview, casadi.SX.zeros(values - p, count))
+    cost = casadi.dot(weights.outputs.T, error**2) + casadi.dot(weights.prices.T, y)
     cost += casadi.dot(weights.rates.T, change**2) + casadi.dot(weights.inputs.T, u**2)
     linear, quadratic = (np.tile(price, (count, 1)).T for price in (weights.linear, weights.quadratic))
     cost += casadi.dot(linear, outside) + casadi.dot(quadratic, outside**2)
+    beyond = casadi.SX.sym("t", values, count)
+    for name in ("linear", "quadratic"):
+        price = np.tile(getattr(weights, f"value_{name}"), (count, 1)).T
+        cost += casadi.dot(price, beyond if name == "linear" else beyond**2)
+    hard = np.array([False] * p + [term.hard for term in problem.terms])
+    limited = (np.isfinite(weights.value_low) | np.isfinite(weights.value_high)) & ~hard
     has_bound = np.isfinite(weights.low) | np.isfinite(weights.high)
     rate = np.tile(problem.rate_limits, count)
     rows = [
@@ -100,20 +121,22 @@ def _statement(system: System, problem: ControlProblem, tolerance: float) -> tup
         (casadi.vec(change), -rate, rate),
         (casadi.vec(x[:, 1:] + outside), np.tile(weights.low, count), np.full(n * count, np.inf)),
         (casadi.vec(x[:, 1:] - outside), np.full(n * count, -np.inf), np.tile(weights.high, count)),
+        (casadi.vec(y + beyond), weights.value_low.ravel(), np.full(values * count, np.inf)),
+        (casadi.vec(y - beyond), np.full(values * count, -np.inf), weights.value_high.ravel()),
     ]
     free = np.full(x.numel(), np.inf)
     most = np.tile(np.where(has_bound, np.inf, 0.0), count)
     bounds = {
-        "lbx": np.concatenate([np.tile(problem.input_low, count), -free, np.zeros(n * count)]),
-        "ubx": np.concatenate([np.tile(problem.input_high, count), free, most]),
+        "lbx": np.concatenate([np.tile(problem.input_low, count), -free, np.zeros((n + values) * count)]),
+        "ubx": np.concatenate([np.tile(problem.input_high, count), free, most, np.where(limited, np.inf, 0.0).ravel()]),
         "lbg": np.concatenate([row[1] for row in rows]),
         "ubg": np.concatenate([row[2] for row in rows]),
     }
     statement = {
-        "x": casadi.vertcat(casadi.vec(u), casadi.vec(x), casadi.vec(outside)),
+        "x": casadi.vertcat(casadi.vec(u), casadi.vec(x), casadi.vec(outside), casadi.vec(beyond)),
         "f": cost,
         "g": casadi.vertcat(*(row[0] for row in rows)),
-        "p": casadi.vertcat(initial, disturbance, previous, casadi.vec(preview)),
+        "p": casadi.vertcat(initial, disturbance, previous, casadi.vec(preview), casadi.vec(stage)),
     }
     options = {"print_level": 0, "sb": "yes", "max_iter": problem.max_iterations, "tol": tolerance, "mu_init": 1e-3}
     settings = {"expand": True, "print_time": False, "error_on_fail": False, "ipopt": options}

@@ -1,0 +1,1 @@
+"""Problems that the documentation of other solvers shows, each declared in some lines."""

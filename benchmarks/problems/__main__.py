@@ -1,0 +1,93 @@
+"""Problems of other solvers' documentation, solved from a cold start by the exact MPC and by IPOPT in the same run.
+
+Both solve the same statement, IPOPT by multiple shooting from the same first guess. Times are those around the Python
+call of a cold start, the median of REPEATS.
+"""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from benchmarks import result
+from benchmarks.problems import mechanics, processes
+from benchmarks.problems.case import Case
+from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.control import ExactMpc, MpcSolution, Status
+from hybrid_sysid_ros.support.arrays import Array
+
+NAME = "problems"
+CASES = {**mechanics.CASES, **processes.CASES}
+REPEATS = 15
+CLOSE = 1e-6
+"""Largest share by which the cost may exceed IPOPT's."""
+
+
+def timed(solver: Any, case: Case, repeats: int) -> tuple[MpcSolution, Array]:
+    """The answer to a cold start, and the times of all of them [s]."""
+    times = []
+    for _ in range(repeats + 1):  # the first one compiles
+        solver.reset()
+        began = perf_counter()
+        plan = solver.control(*case.instance)
+        times.append(perf_counter() - began)
+    return plan, np.array(times[1:])
+
+
+def compared(case: Case, repeats: int = REPEATS) -> dict[str, Any]:
+    """Both solvers on one case. The costs are those of the simulated plans."""
+    from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
+
+    exact, peer = ExactMpc(case.system, case.problem), InteriorPointMpc(case.system, case.problem, tolerance=1e-10)
+    plan, times = timed(exact, case, repeats)
+    answer, others = timed(peer, case, repeats)
+    cost, best = (exact.follow(found.inputs)[0] for found in (plan, answer))
+    return {
+        "status": plan.status.value,
+        "ipopt_status": answer.status.value,
+        "iterations": exact.iterations,
+        "cost": cost,
+        "excess": (cost - best) / max(abs(best), 1e-9),
+        "inputs_apart": float(np.abs(plan.inputs - answer.inputs).max()),
+        "milliseconds": result.percentiles(1e3 * times),
+        "ipopt_milliseconds": result.percentiles(1e3 * others),
+    }
+
+
+def main() -> int:
+    """Run, print a table, write the results."""
+    shown = Table("problem", "answer", "cost", "above IPOPT's", "steps", "p50", "IPOPT's p50", title="cold starts [ms]")
+    results, machine = {}, result.machine()
+    for name, make in CASES.items():
+        found = results[name] = compared(make())
+        shown.add_row(
+            name.replace("_", " "),
+            found["status"],
+            f"{found['cost']:.6g}",
+            f"{found['excess']:.1e}",
+            str(found["iterations"]),
+            f"{found['milliseconds']['p50']:.2f}",
+            f"{found['ipopt_milliseconds']['p50']:.2f}",
+        )
+    short = [name for name, found in results.items() if not same(found) or slower(found)]
+    print_table(shown)
+    print(f"short: {', '.join(short) or 'none'}")
+    print(result.write(NAME, {"cases": results, "short": short}, on=machine))
+    return 0
+
+
+def same(found: dict[str, Any]) -> bool:
+    """Whether the answer is IPOPT's optimum, or a better one."""
+    return found["status"] == Status.SOLVED.value and found["excess"] <= CLOSE
+
+
+def slower(found: dict[str, Any]) -> bool:
+    """Whether IPOPT is faster."""
+    return bool(found["milliseconds"]["p50"] > found["ipopt_milliseconds"]["p50"])
+
+
+if __name__ == "__main__":
+    result.run(main)

@@ -1,0 +1,288 @@
+"""The Lagrangian's Hessian along a horizon: where Gauss-Newton's is not enough, the curvature of the dynamics, and of
+the terms of stages, is added and kept positive.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
+from hybrid_sysid_ros.control.mpc.linearisation import end_of_interval, set_out, set_stage
+from hybrid_sysid_ros.control.mpc.quadratic_program import Program
+from hybrid_sysid_ros.core.call import call_value, pointer
+from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.support.arrays import Array
+
+DIFFERENCE = 1e-7
+"""Relative difference of states and inputs, absolute below 1, for second derivatives."""
+
+
+@inner
+def find_curvature(prediction: PredictionModel, horizon: Horizon) -> None:
+    """Compute second derivatives of each interval's end, weighted by its adjoint, by differences of [A, B]."""
+    n, m = horizon.linear.B.shape[1:]
+    x, drive, following = horizon.work.state, horizon.work.drive, horizon.work.following
+    for i in range(horizon.inputs.shape[0]):
+        curvature, adjoint = horizon.lagrangian.curvature[i], horizon.lagrangian.adjoint[i + 1]
+        for r in range(n + m):
+            set_out(horizon, i)
+            if r < n:
+                h = DIFFERENCE * (1.0 + abs(x[r]))
+                x[r] += h
+            else:
+                h = DIFFERENCE * (1.0 + abs(drive[r - n]))
+                drive[r - n] += h
+            total = end_of_interval(prediction, horizon, prediction.smoothing, following)
+            for c in range(n + m):
+                slope = 0.0
+                for a in range(n):
+                    before = horizon.linear.A[i, a, c] if c < n else horizon.linear.B[i, a, c - n]
+                    slope += adjoint[a] * (total[a, c] - before)
+                curvature[r, c] = slope / h
+        for r in range(n + m):
+            for c in range(r):
+                curvature[r, c] = curvature[c, r] = 0.5 * (curvature[r, c] + curvature[c, r])
+
+
+@inner
+def bend_values(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> None:
+    """Compute the second derivatives of each stage's values, weighted by their factors in the Lagrangian."""
+    count, m = horizon.inputs.shape
+    drive, values = horizon.work.drive, horizon.linear.outputs.shape[1]
+    first = m + prediction.stage.shape[1] + m
+    for i in range(count):
+        set_out(horizon, i)
+        set_stage(prediction, i, horizon.disturbance, drive)
+        for k in range(values):
+            drive[first + k] = factor(horizon, program, instance, i, k)
+        call_value(
+            prediction.curvature, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
+            prediction.h, 0.0, horizon.lagrangian.bend[i],
+        )  # fmt: skip
+
+
+@inner
+def factor(horizon: Horizon, program: Program, instance: Instance, i: int, k: int) -> float:
+    """The factor of value k of stage i in the Lagrangian, with the last multipliers."""
+    count, v, p = horizon.inputs.shape[0], program.gradient.shape[0], instance.preview.shape[1]
+    error = horizon.linear.outputs[i, k]
+    if k < p:
+        error -= instance.preview[i, k]
+    total = 2.0 * horizon.weights.outputs[i, k] * error
+    if k >= p:
+        total += horizon.weights.prices[i, k]
+        first = v + (horizon.limits.rated.shape[0] + horizon.limits.bounded.shape[0]) * count
+        for r in range(horizon.limits.values.shape[0]):
+            if horizon.limits.values[r] == k:
+                total += program.multipliers[first + r * count + i]
+    return total
+
+
+LEAST_SHIFT = 1e-4
+"""First shift of the diagonal of a Hessian that is not positive definite, relative to Gauss-Newton's largest entry. It
+is doubled until the Hessian is: a larger shift would make steps short, a much smaller one would take many trials.
+"""
+
+HOLD = 100.0
+"""Curvature across active constraints, relative to the largest entry of a Hessian that is not positive definite, which
+far from the reference is much larger than Gauss-Newton's.
+"""
+
+
+@inner
+def keep_derivatives(horizon: Horizon) -> None:
+    """Keep [A, B] and their iterate for :func:`update_curvature`."""
+    n, m = horizon.linear.B.shape[1:]
+    for i in range(horizon.inputs.shape[0]):
+        jacobian, point = horizon.lagrangian.jacobian[i], horizon.lagrangian.point[i]
+        for a in range(n):
+            point[a] = horizon.states[i, a]
+            for b in range(n):
+                jacobian[a, b] = horizon.linear.A[i, a, b]
+            for j in range(m):
+                jacobian[a, n + j] = horizon.linear.B[i, a, j]
+        for j in range(m):
+            point[n + j] = horizon.inputs[i, j]
+
+
+@inner
+def update_curvature(horizon: Horizon) -> None:
+    """Symmetric rank-one update of each interval's curvature from the change of its [A, B] over the last step.
+
+    Conn, Gould & Toint (1991), Mathematical Programming 50. For single intervals a few steps determine it.
+    """
+    n, m = horizon.linear.B.shape[1:]
+    moved, off = np.empty(n + m), np.empty(n + m)
+    for i in range(horizon.inputs.shape[0]):
+        kept = horizon.lagrangian
+        curvature, jacobian, point = kept.curvature[i], kept.jacobian[i], kept.point[i]
+        for a in range(n):
+            moved[a] = horizon.states[i, a] - point[a]
+        for j in range(m):
+            moved[n + j] = horizon.inputs[i, j] - point[n + j]
+        across = far = size = 0.0
+        for c in range(n + m):
+            total = 0.0
+            for a in range(n):
+                now = horizon.linear.A[i, a, c] if c < n else horizon.linear.B[i, a, c - n]
+                total += horizon.lagrangian.adjoint[i + 1, a] * (now - jacobian[a, c])
+            for d in range(n + m):
+                total -= curvature[c, d] * moved[d]
+            off[c] = total
+            across += total * moved[c]
+            far += total * total
+            size += moved[c] * moved[c]
+        if abs(across) > 1e-3 * math.sqrt(far * size):
+            for c in range(n + m):
+                for d in range(n + m):
+                    curvature[c, d] += off[c] * off[d] / across
+
+
+@inner
+def add_curvature(horizon: Horizon, program: Program, bending: bool) -> None:
+    """Add E' curvature_i E of all intervals to the Hessian, E (n + m, v) being the derivative of an interval's state
+    and inputs by all inputs, and make it positive definite. bending: also those of the values, at its end.
+    """
+    (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
+    largest = 0.0
+    for c in range(v):
+        largest = max(largest, program.hessian[c, c])
+    moved, bent = np.zeros((n + m, v)), np.zeros((n + m, v))
+    e = pointer(moved)
+    input_response = pointer(horizon.condensed.input_response)
+    for i in range(count):
+        wide = (i + 1) * m
+        for a in range(n):
+            for c in range(i * m):
+                e[a * v + c] = input_response[((i - 1) * n + a) * v + c]
+            for c in range(i * m, wide):
+                e[a * v + c] = 0.0
+        for j in range(m):
+            for c in range(wide):
+                e[(n + j) * v + c] = 1.0 if c == i * m + j else 0.0
+        _add_block(program, horizon.lagrangian.curvature[i], moved, bent, wide)
+        if bending:
+            for a in range(n):
+                for c in range(wide):
+                    e[a * v + c] = input_response[(i * n + a) * v + c]
+            _add_block(program, horizon.lagrangian.bend[i], moved, bent, wide)
+    _make_positive(horizon, program, largest)
+
+
+@inner
+def _add_block(program: Program, block: Array, moved: Array, bent: Array, wide: int) -> None:
+    """Add E' block E to the Hessian, where E is in the first columns of ``moved``."""
+    v, rows = program.gradient.shape[0], block.shape[0]
+    hessian, e, t = pointer(program.hessian), pointer(moved), pointer(bent)
+    for a in range(rows):
+        for c in range(wide):
+            t[a * v + c] = 0.0
+        for b in range(rows):
+            slope = block[a, b]
+            for c in range(wide):
+                t[a * v + c] += slope * e[b * v + c]
+    for a in range(rows):
+        for c in range(wide):
+            slope, to = e[a * v + c], c * v
+            if slope != 0.0:
+                for d in range(wide):
+                    hessian[to + d] += slope * t[a * v + d]
+
+
+@inner
+def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
+    """Make the Hessian positive definite, if it is not, without changing it where inputs are free: by curvature across
+    the active constraints (Nocedal & Wright 2006, section 17.3), and, only where it is still indefinite, by a shift of
+    its diagonal, which shortens all steps.
+    """
+    hessian, factor = program.hessian, np.empty_like(program.hessian)
+    if _factorise(hessian, factor):
+        return
+    most = largest
+    for c in range(hessian.shape[0]):
+        most = max(most, abs(hessian[c, c]))
+    _hold_active(horizon, program, HOLD * most)
+    if _factorise(hessian, factor):
+        return
+    _price_active(horizon, program)
+    if _factorise(hessian, factor):
+        return
+    shift = LEAST_SHIFT * largest
+    for _ in range(60):  # a NaN Hessian stays as it is
+        for c in range(hessian.shape[0]):
+            hessian[c, c] += shift
+        if _factorise(hessian, factor):
+            return
+        shift *= 2.0
+
+
+@inner
+def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
+    """Add curvature across the bounds and rate limits that are active in the last solution."""
+    (count, m), v = horizon.inputs.shape, program.gradient.shape[0]
+    for c in range(v):
+        if program.multipliers[c] != 0.0:
+            program.hessian[c, c] += hold
+    for r in range(horizon.limits.rated.shape[0]):
+        for i in range(count):
+            if program.multipliers[v + r * count + i] != 0.0:
+                c = i * m + horizon.limits.rated[r]
+                program.hessian[c, c] += hold
+                if i > 0:
+                    program.hessian[c - m, c - m] += hold
+                    program.hessian[c, c - m] -= hold
+                    program.hessian[c - m, c] -= hold
+    first = (horizon.limits.rated.shape[0] + horizon.limits.bounded.shape[0]) * count
+    for r in range(horizon.limits.values.shape[0]):
+        if horizon.limits.hard[r]:
+            _price_rows(program, first + r * count, count, hold)
+
+
+@inner
+def _price_active(horizon: Horizon, program: Program) -> None:
+    """Add the curvature of the price across the soft bounds that are active in the last solution. The program has it
+    outside its Hessian, which must be positive definite alone; more would hold a state outside the bounds.
+    """
+    limits, weights, count = horizon.limits, horizon.weights, horizon.inputs.shape[0]
+    first = limits.rated.shape[0] * count
+    for r in range(limits.bounded.shape[0]):
+        _price_rows(program, first + r * count, count, 2.0 * weights.quadratic[limits.bounded[r]])
+    first += limits.bounded.shape[0] * count
+    for r in range(limits.values.shape[0]):
+        if not limits.hard[r]:
+            _price_rows(program, first + r * count, count, 2.0 * weights.value_quadratic[limits.values[r]])
+
+
+@inner
+def _price_rows(program: Program, first: int, count: int, price: float) -> None:
+    """Add price r'r to the Hessian for each row r of the program that is active, out of ``count``."""
+    v, hessian, rows = program.gradient.shape[0], pointer(program.hessian), pointer(program.rows)
+    for i in range(count):
+        if program.multipliers[v + first + i] != 0.0:
+            row = (first + i) * v
+            for c in range(v):
+                slope = price * rows[row + c]
+                if slope != 0.0:
+                    for d in range(v):
+                        hessian[c * v + d] += slope * rows[row + d]
+
+
+@inner
+def _factorise(hessian: Array, factor: Array) -> bool:
+    """Cholesky's factor; False where a matrix is not positive definite."""
+    v = hessian.shape[0]
+    h, f = pointer(hessian), pointer(factor)
+    for c in range(v):
+        for d in range(c + 1):
+            total = h[c * v + d]
+            for k in range(d):
+                total -= f[c * v + k] * f[d * v + k]
+            if c == d:
+                if not total > 0.0:
+                    return False
+                f[c * v + c] = math.sqrt(total)
+            else:
+                f[c * v + d] = total / f[d * v + d]
+    return True

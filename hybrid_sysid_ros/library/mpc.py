@@ -1,0 +1,58 @@
+"""The exact MPC of a rig, with further terms of its problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from hybrid_sysid_ros.control import Controller, ExactMpc
+from hybrid_sysid_ros.control.terms import terms_of
+from hybrid_sysid_ros.library import arguments
+from hybrid_sysid_ros.library.arguments import RigLike
+from hybrid_sysid_ros.library.loops import settings_of, used_model
+from hybrid_sysid_ros.models import Model as AnyModel
+from hybrid_sysid_ros.runtime.configuration import controller_model, mpc_problem, wrap_for_rig
+from hybrid_sysid_ros.support import extensions
+
+
+def mpc(
+    rig: RigLike,
+    model: AnyModel | None = None,
+    *,
+    terms: Mapping[str, Any] | None = None,
+    stage_parameters: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    solver: str = "exact",
+) -> Controller:
+    """The exact MPC of a rig: the problem of its file and its parameters, with further terms.
+
+    terms: {name: {"value": formula, ...}} with the fields of :class:`hybrid_sysid_ros.control.Term`: weight of its
+    square, price, low and high, hard or soft_linear and soft_quadratic, final. A formula has names of states, inputs,
+    outputs, of the model's parameters and of stage_parameters, in SI units. stage_parameters: their values, one or one
+    for each stage; ``assign(name=values)`` of the controller changes them. Terms are added to those of the section mpc
+    in the rig's file, and replace those of the same name. parameters: of the node controller, such as {"horizon": 10,
+    "output_weight": 4.0, "real_time": True}. solver: "exact", or "ipopt", the slow reference.
+
+    Give it to :func:`simulate` as controller, or call ``control(state, disturbance, previous_input, preview)``. Raises
+    UserError for a formula that can't be evaluated, a hard bound on states, and values that don't cover the horizon.
+    """
+    described = arguments.rig_of(rig)
+    given = arguments.mapping_of(parameters, "parameters", '{"horizon": 10}')
+    values = settings_of(described, {f"controller.{name}": value for name, value in given.items()})["controller"]
+    arguments.choice_of(solver, "solver", ("exact", "ipopt"))
+    system = controller_model(described, used_model(described, model).system)
+    problem = mpc_problem(values, described, system)
+    more = arguments.mapping_of(terms, "terms", '{"power": {"value": "voltage**2", "price": 1.0}}')
+    stage = arguments.mapping_of(stage_parameters, "stage_parameters", '{"limit": 1.0}')
+    if more or stage:
+        own = {term.name: term for term in problem.terms} | {term.name: term for term in terms_of(more)}
+        problem = replace(
+            problem,
+            terms=tuple(own.values()),
+            stage_parameters=tuple((dict(problem.stage_parameters) | stage).items()),
+        ).sized(system)
+    if solver == "exact":
+        return wrap_for_rig(described, system, ExactMpc(system, problem, real_time=values["real_time"]))
+    made: Controller = extensions.one("solvers", "ipopt")(system, problem)
+    return wrap_for_rig(described, system, made)

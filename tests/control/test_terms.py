@@ -1,0 +1,119 @@
+"""Terms of a problem: the optimum is IPOPT's, what can be said in two ways is the same, and what is wrong is named."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
+from hybrid_sysid_ros.support.errors import UserError
+from tests.control.two_inputs import PROBLEM, Arms, instance
+
+ARMS = Arms(friction=0.0)
+TERMS = {
+    "power": {"value": "first_torque * first_rate + second_torque * second_rate", "price": 0.5},
+    "low": {"value": "cos(first) - limit", "high": 0.0, "soft_linear": 5.0, "soft_quadratic": 50.0},
+    "disc": {"value": "first_torque**2 + second_torque**2", "high": 1.5, "hard": True},
+    "together": {"value": "first - second", "weight": 20.0, "final": True},
+}
+STAGE = {"limit": np.linspace(0.95, 0.9, PROBLEM.horizon)}
+
+
+def declared(**changes) -> ControlProblem:
+    return replace(PROBLEM, **{"terms": TERMS, "stage_parameters": STAGE, **changes})
+
+
+@pytest.fixture(scope="module")
+def solver():
+    return ExactMpc(ARMS, declared())
+
+
+def test_the_optimum_is_that_of_ipopt(solver):
+    found = pytest.importorskip("hybrid_sysid_ros.extensions.ipopt.interior_point")
+    yardstick = found.InteriorPointMpc(ARMS, declared(), tolerance=1e-9)
+    for seed in range(3):
+        for mpc in (solver, yardstick):
+            mpc.reset()
+            mpc.assign(limit=STAGE["limit"] - 0.02 * seed)
+        plan, best = solver.control(*instance(seed)), yardstick.control(*instance(seed))
+        assert plan.status is best.status is Status.SOLVED
+        cost, least = (solver.follow(item.inputs)[0] for item in (plan, best))
+        assert cost == pytest.approx(least, rel=1e-6)
+        assert np.all(np.sum(plan.inputs**2, axis=1) <= 1.5 + 1e-6)
+    solver.assign(**STAGE)
+
+
+def test_an_output_that_is_tracked_by_a_term_is_tracked_as_by_its_weight():
+    asked = instance(2)
+    asked[3][:] = (0.3, 0.0)
+    terms = {"error": {"value": "height - wanted", "weight": 200.0}, "load": {"value": "load", "weight": 2.0}}
+    by_terms = ExactMpc(
+        ARMS, replace(PROBLEM, output_weights=(0.0,), terms=terms, stage_parameters={"wanted": 0.3})
+    ).control(*asked)
+    assert by_terms.status is Status.SOLVED
+    np.testing.assert_allclose(by_terms.inputs, ExactMpc(ARMS, PROBLEM).control(*asked).inputs, atol=1e-5)
+
+
+def test_a_bound_on_a_state_is_the_same_as_a_term(solver):
+    soft = {"soft_linear": 3.0, "soft_quadratic": 40.0}
+    plain = replace(PROBLEM, state_high=(0.1, np.inf, np.inf, np.inf), soft_linear=(3.0,), soft_quadratic=(40.0,))
+    term = replace(PROBLEM, terms={"first_high": {"value": "first", "high": 0.1, **soft}})
+    plans = [ExactMpc(ARMS, problem).control(*instance(1)).inputs for problem in (plain, term)]
+    np.testing.assert_allclose(plans[0], plans[1], atol=1e-5)
+
+
+def test_a_declaration_is_plain_data():
+    problem = declared()
+    assert ControlProblem(**asdict(problem)) == problem
+    assert hash(problem) == hash(declared())
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        ({"value": "spede**2", "price": 1.0}, "spede is unknown"),
+        ({"value": "sine(first)", "price": 1.0}, "function sine is unknown"),
+        ({"value": "max(first, 0)", "price": 1.0}, "max is not smooth"),
+        ({"value": "first +", "price": 1.0}, "is no formula"),
+        ({"value": "first > 0", "price": 1.0}, "is no part of a formula"),
+        ({"value": "__import__('os')", "price": 1.0}, "__import__ is unknown"),
+        ({"value": "1 / 0", "price": 1.0}, "is not a number"),
+        ({"value": "1 / first", "price": 1.0}, "not finite for broken"),
+        ({"value": "first", "high": 1.0, "hard": True}, "a hard bound is for inputs alone"),
+        ({"value": "first"}, "has no effect"),
+        ({"value": "first", "weight": -1.0}, "at least 0"),
+        ({"value": "first", "price": float("nan")}, "needs a number"),
+        ({"value": "first", "price": [1.0, 2.0]}, "one for each of the 12 stages"),
+        ({"value": "first", "low": 1.0, "high": 0.0}, "is not below"),
+        ({"value": "first", "wieght": 1.0}, "unknown key 'wieght'"),
+        ({"price": 1.0}, "needs a name and a formula"),
+        ("first", "has no effect"),
+        (3.0, "needs a name and a formula"),
+    ],
+)
+def test_a_wrong_term_is_refused_by_its_name(term, said):
+    with pytest.raises(UserError, match=said) as refused:
+        replace(PROBLEM, terms={"broken": term}).sized(ARMS)
+    assert "broken" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"limit": [1.0, 2.0]}, "limit has 2 values; it needs one, or 12"),
+        ({"limit": float("inf")}, "limit is not finite"),
+        ({"limit": "high"}, "it needs numbers"),
+        ({"first": 1.0, "limit": 1.0}, "first has the name of something else"),
+    ],
+)
+def test_stage_parameters_that_do_not_fit_are_refused(values, said):
+    with pytest.raises(UserError, match=said):
+        declared(stage_parameters=values).sized(ARMS)
+
+
+def test_an_unknown_stage_parameter_is_refused_later_too(solver):
+    with pytest.raises(UserError, match="no stage parameter limits: known are limit"):
+        solver.assign(limits=1.0)
