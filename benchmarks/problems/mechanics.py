@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.problems.case import Case
-from hybrid_sysid_ros.control import ControlProblem, Term
+from hybrid_sysid_ros.control import ControlProblem, StageTerm
 from hybrid_sysid_ros.core import RungeKutta, System
 from hybrid_sysid_ros.core.mathematics import Scalar, cos, sin, sqrt
 
@@ -80,7 +80,7 @@ class Chain(System):
 
 def chain() -> Case:
     """The free end is brought back from the side, and the masses keep clear of a wall behind it (softly)."""
-    wall = tuple(Term(name=f"clear{i}", value=f"p{i}_y", low=-0.05, soft_linear=10.0) for i in (1, 2, 3))
+    wall = tuple(StageTerm(name=f"clear{i}", value=f"p{i}_y", low=-0.05, soft_linear=10.0) for i in (1, 2, 3))
     problem = ControlProblem(
         horizon=20,
         period=0.2,
@@ -117,9 +117,9 @@ class RaceCar(System):
 def race_car() -> Case:
     """As far as possible within a second, on the track and within the grip."""
     terms = (
-        Term(name="progress", value="s", price=-1.0, final=True),
-        Term(name="grip", value="speed**2 * 15.5 * steering", low=-4.0, high=4.0, soft_linear=1.0),
-        Term(name="obstacle", value="(s - 1.6)**2 + (n - 0.05)**2", low=0.01, soft_linear=100.0),
+        StageTerm(name="progress", value="s", price=-1.0, final=True),
+        StageTerm(name="grip", value="speed**2 * 15.5 * steering", low=-4.0, high=4.0, soft_linear=1.0),
+        StageTerm(name="obstacle", value="(s - 1.6)**2 + (n - 0.05)**2", low=0.01, soft_linear=100.0),
     )
     problem = ControlProblem(
         horizon=50,
@@ -156,7 +156,7 @@ class Unicycle(System):
 def moving_obstacle() -> Case:
     """Straight ahead, around a disc that crosses from the right."""
     stages = 0.1 * np.arange(1, 31)
-    terms = (Term(name="clearance", value="(x - disc_x)**2 + (y - disc_y)**2", low=0.64, soft_linear=50.0),)
+    terms = (StageTerm(name="clearance", value="(x - disc_x)**2 + (y - disc_y)**2", low=0.64, soft_linear=50.0),)
     problem = ControlProblem(
         horizon=30,
         period=0.1,
@@ -206,7 +206,7 @@ def thrust_disc() -> Case:
         input_low=(-2.0,),
         input_high=(2.0,),
         rate_limits=(0.4,),
-        terms=(Term(name="thrust", value="x_force**2 + y_force**2", high=1.0, hard=True),),
+        terms=(StageTerm(name="thrust", value="x_force**2 + y_force**2", high=1.0, hard=True),),
     )
     return Case(
         source="modelled on acados, hover craft and disc constraint",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.problems.case import Case
-from hybrid_sysid_ros.control import ControlProblem, Term
+from hybrid_sysid_ros.control import ControlProblem, StageTerm
 from hybrid_sysid_ros.core import RungeKutta, System
 from hybrid_sysid_ros.core.mathematics import Scalar, exp
 
@@ -51,7 +51,7 @@ def reactor() -> Case:
         rate_weights=(1e-3, 1e-3),
         input_low=(0.05, -8.5),
         input_high=(1.0, 0.0),
-        terms=(Term(name="hot", value="reactor", high=140.0, soft_quadratic=100.0),),
+        terms=(StageTerm(name="hot", value="reactor", high=140.0, soft_quadratic=100.0),),
         max_iterations=300,
     )
     start = (0.8, 0.5, 134.14, 130.0)
@@ -68,9 +68,9 @@ def reactor() -> Case:
 def earning_reactor() -> Case:
     """The product that leaves is sold at a price that changes, cooling is paid for, the feed's rate is limited."""
     terms = (
-        Term(name="sales", value="-worth * feed * b", price=1.0),
-        Term(name="cooling", value="heat**2", price=0.002),
-        Term(name="hot", value="reactor", high=136.0, soft_linear=1.0),
+        StageTerm(name="sales", value="-worth * feed * b", price=1.0),
+        StageTerm(name="cooling", value="heat**2", price=0.002),
+        StageTerm(name="hot", value="reactor", high=136.0, soft_linear=1.0),
     )
     problem = ControlProblem(
         horizon=30,
@@ -128,7 +128,7 @@ def fermenter() -> Case:
         state_low=(-np.inf, -0.01, -np.inf, -np.inf),
         state_high=(3.7, np.inf, 3.0, np.inf),
         soft_linear=(100.0,),
-        terms=(Term(name="harvest", value="product", price=-1.0),),
+        terms=(StageTerm(name="harvest", value="product", price=-1.0),),
         max_iterations=300,
     )
     return Case(source="do-mpc, batch bioreactor", system=Fermenter(), problem=problem, state=(1.0, 0.5, 0.0, 120.0))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.terms import Term, check_terms, terms_of, with_terms
+from hybrid_sysid_ros.control.terms import StageTerm, check_terms, terms_of, with_terms
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
@@ -121,7 +121,7 @@ class ControlProblem:
       + sum_{i=0}^{N-1}  sum_j rate_weights_j (u_ij - u_{i-1,j})^2 + input_weights_j u_ij^2
       + sum_{i=1}^{N}    sum_a soft_linear_a s_ia + soft_quadratic_a s_ia^2
 
-    and the terms of each stage (:class:`~.terms.Term`), with x_{i+1} = step(x_i, u_i + d),
+    and the terms of each stage (:class:`~.terms.StageTerm`), with x_{i+1} = step(x_i, u_i + d),
     y_{i+1} = output(x_{i+1}, u_i + d), input_low <= u_i <= input_high, |u_i - u_{i-1}| <= rate_limits, and s_ia the
     distance of a state from its bounds.
 
@@ -158,7 +158,7 @@ class ControlProblem:
     """(n,), price per squared distance [1/unit^2]."""
     final_output_weights: Numbers = ()
     """(p,) at the end of the horizon; empty: as output_weights."""
-    terms: tuple[Term, ...] = ()
+    terms: tuple[StageTerm, ...] = ()
     """Further terms of each stage, also as a mapping {name: {value: formula, price: 1.0}}."""
     stage_parameters: tuple[tuple[str, Numbers], ...] = ()
     """Names of parameters in the terms' formulas, also as a mapping, with a value for all stages or N values."""
@@ -174,10 +174,10 @@ class ControlProblem:
         object.__setattr__(self, "stage_parameters", _stage_parameters(self.stage_parameters, self.horizon))
         object.__setattr__(self, "final_output_weights", tuple(self.final_output_weights))
         for term in self.terms:
-            for values in (term.weight, term.price):
-                if len(values) not in (1, self.horizon):
+            for each in (term.weight, term.price):
+                if np.size(each) not in (1, self.horizon):
                     raise UserError(
-                        f"mpc: term {term.name} has {len(values)} weights or prices; "
+                        f"mpc: term {term.name} has {np.size(each)} weights or prices; "
                         f"it needs one, or one for each of the {self.horizon} stages"
                     )
         for name in _WHOLE:
@@ -239,8 +239,8 @@ class ControlProblem:
         for name in values:
             if name not in names:
                 raise UserError(f"mpc: there is no stage parameter {name}: {known(name, names)}")
-        for name, numbers_ in _stage_parameters(values, self.horizon):
-            stage[:, names.index(name)] = numbers_
+        for name, sound in _stage_parameters(values, self.horizon):
+            stage[:, names.index(name)] = sound
 
     @property
     def weights(self) -> StageWeights:
@@ -267,16 +267,16 @@ class ControlProblem:
             linear=np.array(self.soft_linear),
             quadratic=np.array(self.soft_quadratic),
             value_low=np.hstack(
-                [none - math.inf, *(self._staged(term, (term.low,), -math.inf, stages) for term in terms)]
+                [none - math.inf, *(self._staged(term, term.low, -math.inf, stages) for term in terms)]
             ),
             value_high=np.hstack(
-                [none + math.inf, *(self._staged(term, (term.high,), math.inf, stages) for term in terms)]
+                [none + math.inf, *(self._staged(term, term.high, math.inf, stages) for term in terms)]
             ),
             value_linear=np.concatenate([none[0], [term.soft_linear for term in terms]]),
             value_quadratic=np.concatenate([none[0], [term.soft_quadratic for term in terms]]),
         )
 
-    def _staged(self, term: Term, values: Numbers, without: float, stages: int) -> Array:
+    def _staged(self, term: StageTerm, values: Numbers | float, without: float, stages: int) -> Array:
         """A column (stages, 1) of a term's values; ``without`` where it does not count."""
         found = np.broadcast_to(np.array(values, dtype=float), (self.horizon,)).copy()
         if term.final:

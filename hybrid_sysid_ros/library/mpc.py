@@ -27,7 +27,7 @@ def mpc(
 ) -> Controller:
     """The exact MPC of a rig: the problem of its file and its parameters, with further terms.
 
-    terms: {name: {"value": formula, ...}} with the fields of :class:`hybrid_sysid_ros.control.Term`: weight of its
+    terms: {name: {"value": formula, ...}} with the fields of :class:`hybrid_sysid_ros.control.StageTerm`: weight of its
     square, price, low and high, hard or soft_linear and soft_quadratic, final. A formula has names of states, inputs,
     outputs, of the model's parameters and of stage_parameters, in SI units. stage_parameters: their values, one or one
     for each stage; ``assign(name=values)`` of the controller changes them. Terms are added to those of the section mpc

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ TERMS = {
 STAGE = {"limit": np.linspace(0.95, 0.9, PROBLEM.horizon)}
 
 
-def declared(**changes) -> ControlProblem:
+def declared(**changes: Any) -> ControlProblem:
     return replace(PROBLEM, **{"terms": TERMS, "stage_parameters": STAGE, **changes})
 
 
@@ -49,9 +50,9 @@ def test_an_output_that_is_tracked_by_a_term_is_tracked_as_by_its_weight():
     asked = instance(2)
     asked[3][:] = (0.3, 0.0)
     terms = {"error": {"value": "height - wanted", "weight": 200.0}, "load": {"value": "load", "weight": 2.0}}
-    by_terms = ExactMpc(
-        ARMS, replace(PROBLEM, output_weights=(0.0,), terms=terms, stage_parameters={"wanted": 0.3})
-    ).control(*asked)
+    by_terms = ExactMpc(ARMS, declared(output_weights=(0.0,), terms=terms, stage_parameters={"wanted": 0.3})).control(
+        *asked
+    )
     assert by_terms.status is Status.SOLVED
     np.testing.assert_allclose(by_terms.inputs, ExactMpc(ARMS, PROBLEM).control(*asked).inputs, atol=1e-5)
 
@@ -59,7 +60,7 @@ def test_an_output_that_is_tracked_by_a_term_is_tracked_as_by_its_weight():
 def test_a_bound_on_a_state_is_the_same_as_a_term(solver):
     soft = {"soft_linear": 3.0, "soft_quadratic": 40.0}
     plain = replace(PROBLEM, state_high=(0.1, np.inf, np.inf, np.inf), soft_linear=(3.0,), soft_quadratic=(40.0,))
-    term = replace(PROBLEM, terms={"first_high": {"value": "first", "high": 0.1, **soft}})
+    term = declared(terms={"first_high": {"value": "first", "high": 0.1, **soft}})
     plans = [ExactMpc(ARMS, problem).control(*instance(1)).inputs for problem in (plain, term)]
     np.testing.assert_allclose(plans[0], plans[1], atol=1e-5)
 
@@ -95,7 +96,7 @@ def test_a_declaration_is_plain_data():
 )
 def test_a_wrong_term_is_refused_by_its_name(term, said):
     with pytest.raises(UserError, match=said) as refused:
-        replace(PROBLEM, terms={"broken": term}).sized(ARMS)
+        declared(terms={"broken": term}).sized(ARMS)
     assert "broken" in str(refused.value)
     assert "\n" not in str(refused.value)
 

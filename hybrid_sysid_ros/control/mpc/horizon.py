@@ -66,7 +66,7 @@ class PredictionModel(Shared):
     """Address of the values of a stage: the outputs, and the terms behind them."""
     output_jacobian: int
     curvature: int
-    """Address of the second derivatives of a sum of these (:class:`~hybrid_sysid_ros.control.terms.StageTerms`); 0
+    """Address of the second derivatives of a sum of these (:class:`~hybrid_sysid_ros.core.stage_values.StageValues`); 0
     where there are no terms.
     """
     stage: Array
