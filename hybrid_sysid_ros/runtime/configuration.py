@@ -196,11 +196,13 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         soft_quadratic=prices,
     )
     further = section(rig.content, "mpc", str(rig.file))
+    if not further:
+        return problem.sized(system)
     try:
         refuse_unknown(further, DECLARED, "mpc")
         return replace(problem, **further).sized(system)
     except UserError as error:
-        raise UserError(f"{rig.file}: {error}" if further else f"{error}") from error
+        raise UserError(f"{rig.file}: {error}") from error
 
 
 def _substeps(values: Mapping[str, Any], system: System) -> int:
