@@ -31,7 +31,9 @@ class InteriorPointMpc:
         self._limits = new_horizon(system, problem)
         self._flat, self._instance = new_instance(system, problem)
         self._solver, self._bounds = _statement(system, problem, tolerance)
-        self._excesses = problem.horizon * (len(system.states) + problem.weights.outputs.shape[1])
+        self._excesses = problem.horizon * (
+            len(system.states) + (problem.weights.outputs.shape[1] if problem.terms else 0)
+        )
         self.stage = problem.stage_values
         """Parameters (N, q) of the stages."""
         self.reset()
@@ -107,9 +109,10 @@ def _statement(system: System, problem: ControlProblem, tolerance: float) -> tup
     cost += casadi.dot(weights.rates.T, change**2) + casadi.dot(weights.inputs.T, u**2)
     linear, quadratic = (np.tile(price, (count, 1)).T for price in (weights.linear, weights.quadratic))
     cost += casadi.dot(linear, outside) + casadi.dot(quadratic, outside**2)
-    beyond = casadi.SX.sym("t", values, count)
+    priced = values if problem.terms else 0
+    beyond = casadi.SX.sym("t", priced, count)
     for name in ("linear", "quadratic"):
-        price = np.tile(getattr(weights, f"value_{name}"), (count, 1)).T
+        price = np.tile(getattr(weights, f"value_{name}"), (count, 1)).T[:priced]
         cost += casadi.dot(price, beyond if name == "linear" else beyond**2)
     hard = np.array([False] * p + [term.hard for term in problem.terms])
     limited = (np.isfinite(weights.value_low) | np.isfinite(weights.value_high)) & ~hard
@@ -121,14 +124,19 @@ def _statement(system: System, problem: ControlProblem, tolerance: float) -> tup
         (casadi.vec(change), -rate, rate),
         (casadi.vec(x[:, 1:] + outside), np.tile(weights.low, count), np.full(n * count, np.inf)),
         (casadi.vec(x[:, 1:] - outside), np.full(n * count, -np.inf), np.tile(weights.high, count)),
-        (casadi.vec(y + beyond), weights.value_low.ravel(), np.full(values * count, np.inf)),
-        (casadi.vec(y - beyond), np.full(values * count, -np.inf), weights.value_high.ravel()),
     ]
+    if problem.terms:
+        rows += [
+            (casadi.vec(y + beyond), weights.value_low.ravel(), np.full(values * count, np.inf)),
+            (casadi.vec(y - beyond), np.full(values * count, -np.inf), weights.value_high.ravel()),
+        ]
     free = np.full(x.numel(), np.inf)
     most = np.tile(np.where(has_bound, np.inf, 0.0), count)
     bounds = {
-        "lbx": np.concatenate([np.tile(problem.input_low, count), -free, np.zeros((n + values) * count)]),
-        "ubx": np.concatenate([np.tile(problem.input_high, count), free, most, np.where(limited, np.inf, 0.0).ravel()]),
+        "lbx": np.concatenate([np.tile(problem.input_low, count), -free, np.zeros((n + priced) * count)]),
+        "ubx": np.concatenate(
+            [np.tile(problem.input_high, count), free, most, np.where(limited, np.inf, 0.0)[:, :priced].ravel()]
+        ),
         "lbg": np.concatenate([row[1] for row in rows]),
         "ubg": np.concatenate([row[2] for row in rows]),
     }
