@@ -70,7 +70,7 @@ class Chain(System):
         forces = []
         for one, other in pairwise(places):
             along = [b - a for a, b in zip(one, other, strict=True)]
-            stretch = 1.0 - 0.033 / sqrt(sum(part * part for part in along))
+            stretch = 1.0 - 0.033 / sqrt(sum(part * part for part in along) + 1e-12)
             forces.append([stretch * part for part in along])
         rates = [
             (forces[i + 1][k] - forces[i][k]) / 0.03 - (9.81 if k == 2 else 0.0) for i in range(2) for k in range(3)

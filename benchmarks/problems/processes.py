@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.problems.case import Case
 from hybrid_sysid_ros.control import ControlProblem, StageTerm
 from hybrid_sysid_ros.core import RungeKutta, System
-from hybrid_sysid_ros.core.mathematics import Scalar, exp
+from hybrid_sysid_ros.core.mathematics import Scalar, exp, maximum
 
 Values = Sequence[Scalar]
 
@@ -106,7 +106,7 @@ class Fermenter(System):
     def law(self, x: Values, u: Values) -> Values:
         biomass, substrate, product, volume = x
         growth = 0.02 * substrate / (0.05 + substrate + substrate * substrate / 5.0)
-        thinned = u[0] / volume
+        thinned = u[0] / maximum(volume, 1.0)
         return (
             growth * biomass - thinned * biomass,
             -growth * biomass / 0.4 - 0.004 * biomass / 1.2 + thinned * (200.0 - substrate),
