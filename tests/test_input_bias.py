@@ -106,10 +106,10 @@ def test_friction_that_never_lets_go_tells_of_no_bias():
 
 
 def test_a_bias_that_does_not_stay_is_not_held():
-    """It turns round after the first half: what each half says makes the other one worse."""
+    """It ends after the first half: what that half says makes the other one worse."""
     system = Linear()
     time = np.linspace(0.0, SECONDS, round(SECONDS / SAMPLING.step) + 1)
-    record = experiment(system, np.where(time[:-1, None] < 2.5, 0.08, -0.08), noise=1e-4)
+    record = experiment(system, np.where(time[:-1, None] < 2.5, 0.1, 0.0), noise=1e-4)
     found = adapt(system, record, sampling=SAMPLING, prior=np.array([0.1]), seconds=5.0)
     assert found.bias == 0.0
     assert "bear out" in found.reason

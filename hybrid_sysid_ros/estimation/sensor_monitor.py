@@ -148,9 +148,8 @@ class SensorMonitor:
                     self._blamed[k] = 0.0
         if any(self.left_out) and self._is_vain():
             self.readmit()
-            self._blamed = [0.0] * len(
-                self._blamed
-            )  # the model or an actuator is to blame: none is left out for a while
+            # The model or an actuator is to blame: none is left out for a while.
+            self._blamed = [0.0] * len(self._blamed)
         worst = max(range(len(self.evidence)), key=lambda k: self._suspicion[k].seconds if self._spare[k] else -1.0)
         if self._suspicion[worst].seconds >= self._leave_after and self._may_leave(worst):
             self.left_out[worst], self.evidence[worst] = True, 0.0

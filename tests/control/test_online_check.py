@@ -59,7 +59,8 @@ class Calls(list[tuple[object, ...]]):
         return call
 
     def feedback(self):
-        horizon = SimpleNamespace(weights=None, inputs=None, simulated=None, disturbance=None)
+        limits = SimpleNamespace(hard=np.zeros(0, dtype=bool))
+        horizon = SimpleNamespace(weights=None, inputs=None, simulated=None, disturbance=None, limits=limits)
         return shooting.feedback(None, horizon, None, SimpleNamespace(disturbance=None), 1e-6)
 
 

@@ -9,7 +9,7 @@ EXTENSION = Extension(
     provides={
         "training_notes": {"trained_range": f"{HERE}.trained_range:noted"},
         "loop_checks": {"trained_range": f"{HERE}.live:live_range_of"},
-        "report": {"trained_range": f"{HERE}.report.section:section"},
+        "report": {"trained_range": f"{HERE}.report.figures:section"},
         "use_checks": {"trained_range": f"{HERE}.use:checked"},
     },
 )

@@ -120,7 +120,8 @@ def _corners(cv2: Any, reference: Picture) -> NDArray[np.float32]:
             most = float(cv2.cornerMinEigenVal(part, 3).max())
             if most > least:
                 corners = cv2.goodFeaturesToTrack(part, IN_PART, max(least / most, SHARPNESS), APART * columns)
-                found.append(corners.reshape(-1, 2) + np.array([left, top], dtype=np.float32))
+                if corners is not None:  # the sharpest points may lie on the part's border, where none is taken
+                    found.append(corners.reshape(-1, 2) + np.array([left, top], dtype=np.float32))
     return np.vstack(found)
 
 
