@@ -181,6 +181,9 @@ class Supervisor:
         self.reasons: Counter[str] = Counter()
         self.reason = WAITING
         """Result of the last check."""
+        if self._steps:  # compiled now, not when the network is first about to drive
+            mpc.step(*self._instance)
+            mpc.follow(self._inputs)
         self.reset()
 
     def reset(self) -> None:
