@@ -15,8 +15,6 @@ import hybrid_sysid_ros as hs
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
 PAGE = ROOT / "docs" / "python.md"
-LONG = {"control", "own_rig", "policy", "trust"}
-"""Notebooks that `make test-slow` runs."""
 NEEDS_TORCH = "skip-execution"
 """Tag of the cells that the documentation shows without running them."""
 
@@ -39,11 +37,8 @@ def test_a_notebook_is_kept_without_outputs(path: Path) -> None:
     assert all(not cell["outputs"] and cell["execution_count"] is None for cell in code)
 
 
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in LONG)) for path in NOTEBOOKS],
-    ids=lambda path: path.stem,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("ignore")  # those of the notebooks' own libraries
 def test_a_notebook_runs_from_its_first_cell_to_its_last(path: Path) -> None:
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")

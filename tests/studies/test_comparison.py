@@ -248,6 +248,7 @@ class Deadly(str):
         return os._exit, (1,)
 
 
+@pytest.mark.slow
 def test_a_structure_that_kills_its_process_fails_alone(linear_records, rig):
     found = compare(
         linear_records[1:],

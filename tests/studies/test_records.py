@@ -147,6 +147,7 @@ def test_an_unreadable_file_is_named(tmp_path):
     assert not (tmp_path / "bags").exists()
 
 
+@pytest.mark.slow
 def test_the_real_records_are_closed_loops_exactly(author_records):
     assert len(author_records) >= 7
     for record in author_records:

@@ -111,9 +111,10 @@ __main__.main()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "where",
-    [pytest.param([], id="processes"), pytest.param(["--cluster", "local"], id="cluster", marks=pytest.mark.slow)],
+    [pytest.param([], id="processes"), pytest.param(["--cluster", "local"], id="cluster")],
 )
 def test_an_interrupted_command_keeps_its_trials_and_says_how_to_go_on(
     monkeypatch, command, tmp_path: Path, where: list[str]

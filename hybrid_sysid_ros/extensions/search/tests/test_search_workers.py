@@ -76,6 +76,7 @@ def test_a_killed_process_loses_no_trial(place: str, tmp_path: Path, lines: list
     assert lines == ["a worker process was lost; trial 0 runs again"]
 
 
+@pytest.mark.slow
 def test_a_trial_that_kills_its_processes_fails_alone(place: str, lines: list[str]) -> None:
     with study_of(place) as study, processes(Deadly(), lines.append, jobs=2) as workers:
         search(study, workers, trials=6)
@@ -114,6 +115,7 @@ def test_a_number_of_processes_that_is_none_is_refused(jobs: int) -> None:
         processes(branin, print, jobs)
 
 
+@pytest.mark.slow
 def test_a_killed_worker_of_a_cluster_loses_no_trial(place: str, tmp_path: Path, lines: list[str]) -> None:
     pytest.importorskip("distributed", reason="needs hybrid_sysid_ros[search]")
     killer = kill_the_first(tmp_path)

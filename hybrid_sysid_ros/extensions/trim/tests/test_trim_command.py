@@ -80,6 +80,7 @@ def test_a_record_beyond_the_validity_is_refused_by_its_state():
         check_valid(rig, states, "flight")
 
 
+@pytest.mark.slow
 def test_from_a_flight_to_what_is_known_and_how_far_it_predicts(call, tmp_path: Path):
     """simulate, identify, evaluate: groups are told, the open run is refused, and other scores stand in its place."""
     command = partial(call, app.main, "hybrid-sysid")

@@ -139,6 +139,7 @@ def test_a_page_stops_a_running_controller_and_records_it(
     assert (bag / "metadata.yaml").exists()
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_while_its_view_comes_back_to_the_same_page(domain: int) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

@@ -177,7 +177,7 @@ def test_in_real_time_the_rig_goes_when_a_camera_has_seen_it(bench: Bench, answe
     assert 0.0 < waited < 0.5 if answered else waited >= 0.5
 
 
-@pytest.mark.parametrize("said", [True, False])
+@pytest.mark.parametrize("said", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_picture_is_the_goal_of_a_loop_by_camera_alone(
     bench: Bench, layers: Path, model_folder: Path, tmp_path: Path, said: bool
 ) -> None:

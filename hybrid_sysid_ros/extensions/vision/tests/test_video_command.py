@@ -134,6 +134,7 @@ def test_a_film_of_another_size_is_told_by_its_name(video: Video, beam: Filmed, 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_layers_of_a_film_that_is_refused_are_not_written(video: Video, beam: Filmed, tmp_path: Path) -> None:
     bag, layers = tmp_path / "other", tmp_path / "layers"
     experiment(RIG, "multisine", bag, seed=9, duration=SECONDS, rate=200.0)
@@ -215,7 +216,7 @@ def test_another_bag_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", ["wheel_motor", "flexible_joint"])
+@pytest.mark.parametrize("name", [pytest.param("wheel_motor", marks=pytest.mark.slow), "flexible_joint"])
 def test_a_film_of_another_rig_is_told(video: Video, tmp_path: Path, name: str) -> None:
     times: Array = np.arange(0.0, SECONDS, 0.001, dtype=np.float64)
     imager, angles = Imager(scene_of(load(name)), CAMERA), 0.1 * np.sin(2.0 * np.pi * 0.5 * times)
