@@ -58,7 +58,8 @@ class DriftAlarm:
         if not moved and not self._sizes.crossed:
             return ""
         what = f"innovations of {', '.join(moved)} have moved" if moved else "innovations have grown"
-        return f"{what} at {self._blocks * self._seconds:.0f} s: the model drifts from the rig"
+        when = f"{self._blocks * self._seconds:.0f} s"
+        return f"{what} at {when}: the model may no longer be the rig's, or the loop does something new"
 
     def report(self) -> tuple[str, Mapping[str, object]]:
         """What is wrong, "" for nothing, and values for the diagnostics."""
