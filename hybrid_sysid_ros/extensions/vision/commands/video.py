@@ -147,14 +147,13 @@ def _read(
         view = view.steadied(found.background)
     else:
         view = view.steadied()
+        film = picked(view)  # first, as it refuses a film that is too short or changes its size
         rig, far = with_turning_point(view, rig) if searched else (rig, 0.0)
         if far:
             console.print(
                 f"note: what moves turns {far:.0%} of the width beside the scene's pivot: about there it is read"
             )
-        found, _ = learn(
-            picked(view), rig, readout=readout, sized=searched, progress=lambda stage: tell(f"learning: {stage}")
-        )
+        found, _ = learn(film, rig, readout=readout, sized=searched, progress=lambda stage: tell(f"learning: {stage}"))
     reader, lamp = AngleReader(found), scene_of(rig).lamp
     return found, followed(view, reader, lamp, progress=lambda count: tell(f"reading: {count} pictures"))
 

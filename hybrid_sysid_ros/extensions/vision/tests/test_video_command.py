@@ -134,6 +134,18 @@ def test_a_film_of_another_size_is_told_by_its_name(video: Video, beam: Filmed, 
     assert not (tmp_path / "out").exists()
 
 
+def test_a_film_whose_pictures_change_their_size_is_told(call: Callable[..., Answer], tmp_path: Path) -> None:
+    """As where a phone is turned meanwhile."""
+    path, grain = tmp_path / "film.mjpeg", np.random.default_rng(0)
+    with path.open("wb") as written:
+        for size in ((136, 240), (240, 136)):
+            for _ in range(20):
+                Image.fromarray(grain.integers(0, 255, size, dtype=np.uint8)).save(written, "JPEG")
+    run = call(app.main, "hybrid-sysid", "video", str(path), "--rig", RIG.name, "--out", str(tmp_path / "out"))
+    refused(run, path, "change their size", "cut it there")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.slow
 def test_layers_of_a_film_that_is_refused_are_not_written(video: Video, beam: Filmed, tmp_path: Path) -> None:
     bag, layers = tmp_path / "other", tmp_path / "layers"
