@@ -49,7 +49,9 @@ class Rehearsal:
         return np.sin(2.0 * math.pi / self.turn * np.asarray(times))[..., None] * self._peaks
 
     def tried(self, fault: Fault, *, phase: float = 0.0, seed: int = 0) -> dict[str, Any]:
-        """What the loop did. phase: share of the reference's period by which the fault begins later."""
+        """What the loop did. phase: share of the reference's period, or of LONGEST_LOOK where that is
+        shorter, by which the fault begins later.
+        """
         loop, begin = self.loop, SETTLING + phase * min(self.turn, LONGEST_LOOK)
         found: dict[str, Any] = {"state": "", "reason": "", "false": "", "most": 0.0}
         found |= dict.fromkeys(("after", "left", "restrained"), math.inf)

@@ -104,6 +104,6 @@ def measured() -> tuple[Mapping[str, Any], list[Row]]:
     ]
     return {
         "seconds": SECONDS,
-        "pictures_per_second": {name: RATES.get(name, 30.0) for name in FILMED},
+        "pictures_per_second": {name: RATES.get(name, RATE) for name in FILMED},
         "difference": found,
     }, rows
