@@ -10,8 +10,10 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
 from hybrid_sysid_ros.identification.identify import experiment_of, identify
 from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,10 +39,12 @@ class InformationGain:
 
 
 def gained(model: Model, rig: Rig, record: Record) -> InformationGain:
-    """What a record has shown. Raises UserError for a record that the model's structure can't be fitted to."""
+    """What a record has shown. Raises UserError for a record that the model's structure can't be fitted to, and for a
+    model whose structure has other options or free numbers by now.
+    """
     knowledge = Knowledge.of(model)
     experiment = experiment_of(model, record)
-    alone = identify([record], rig, model.structure, sampling=model.sampling, options=model.fit.get("options"))
+    alone = _fitted_alone(model, rig, record)
     fisher = Fisher.of(model, rig, knowledge.sizes)
     new = Knowledge.of(alone)
     ratio = np.outer(knowledge.sizes / new.sizes, knowledge.sizes / new.sizes)
@@ -52,6 +56,23 @@ def gained(model: Model, rig: Rig, record: Record) -> InformationGain:
         expected=knowledge.deviations(fisher.information(model.system, experiment.inputs, experiment.states[0])),
         after=knowledge.deviations(new.information * ratio),
     )
+
+
+def _fitted_alone(model: Model, rig: Rig, record: Record) -> Model:
+    """A fit of a model's structure to a record, with the same options and free numbers."""
+    options, structure = model.fit.get("options", {}), model.structure
+    known = structure_of(structure, rig.system, rig.structures).options
+    if gone := [name for name in options if name not in known]:
+        raise UserError(
+            f"the model was fitted with option {', '.join(gone)}, which {structure} no longer has: identify it again"
+        )
+    alone = identify([record], rig, structure, sampling=model.sampling, options=options)
+    if alone.names != model.names:
+        raise UserError(
+            f"{record.name}: a fit of {structure} to it has {len(alone.names)} free numbers, which are not the model's "
+            f"{len(model.names)}: identify the model again"
+        )
+    return alone
 
 
 def _numbers(model: Model) -> Array:
