@@ -15,6 +15,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Recurrence, System, rollouts
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.part import scored_every
+from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run
 from hybrid_sysid_ros.models import Model, Sampling
@@ -28,9 +29,6 @@ the least one, since few training records may have been alike.
 
 KNOWN, CLEAR = 0.5, 2.0
 """Share of its prior deviation below which a bias is known, and its deviations from none above which it is one."""
-
-CORRELATION_SECONDS = 1.0
-"""Free-run errors are slow: so many seconds of them count as one observation."""
 
 LASTS = 0.5
 """Share of a bias that is held: it is expected to change by as much as it is."""
