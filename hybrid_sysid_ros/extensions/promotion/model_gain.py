@@ -19,9 +19,11 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 LEVEL = 0.95
-"""Certainty with which a model must be better."""
+"""Certainty with which a model must be better, a convention."""
 FEWEST = 5.0
-"""Independent errors below which nothing is certain."""
+"""Independent errors below which nothing is certain, a convention: Student's quantile at LEVEL is then 2.13, 30 % above
+the normal one.
+"""
 MOST = 1e6
 """Largest error that counts, that of a run which diverges."""
 

@@ -14,7 +14,9 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.arrays import Array
 
 NOT, PARTLY = 0.5, 0.1
-"""Shares of a run outside of the trained range from which a model is not, or only partly, trained for it."""
+"""Shares of a run outside of the trained range from which a model is not, or only partly, trained for it,
+conventions of this project. PARTLY is ten times what is accused wrongly.
+"""
 LASTING = 20
 """Samples, of which half are outside where a run leaves the range and does not merely touch its edge."""
 
