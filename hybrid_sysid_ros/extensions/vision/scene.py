@@ -101,11 +101,11 @@ class Scene:
 def with_scene(rig: Rig, path: Path) -> Rig:
     """The rig with the scene of a file, a section ``scene`` or what stands in one, in the place of its own.
 
-    Raises UserError where the file can't be read, or describes no scene.
+    Raises UserError where the file can't be read, or describes no scene of the rig.
     """
     content = read_mapping(path)
     found = content.get("scene", content)
-    built(Scene, found, f"{path}: scene")
+    _scene(rig, found, f"{path}: scene")
     return replace(rig, content={**rig.content, "scene": found})
 
 
@@ -120,13 +120,17 @@ def scene_of(rig: Rig) -> Scene:
 
     Raises UserError where the rig's file has no section ``scene``, or names in it what is not there.
     """
-    where = f"{rig.file}: scene"
     if not has_scene(rig):
         raise UserError(
             f"{rig.file}: has no section scene: it says what a camera sees of the rig (docs/camera.md); click one on "
             "the page of hybrid-sysid video FILM --check, and give it (--scene)"
         )
-    scene = built(Scene, section(rig.content, "scene", str(rig.file)), where)
+    return _scene(rig, section(rig.content, "scene", str(rig.file)), f"{rig.file}: scene")
+
+
+def _scene(rig: Rig, content: object, where: str) -> Scene:
+    """The scene of a rig that a section describes. where: the file and the section, for errors."""
+    scene = built(Scene, content, where)
     if scene.joint not in turning(rig):
         raise UserError(f"{where}.joint: {scene.joint!r} is no joint that moves; known are {', '.join(turning(rig))}")
     return scene

@@ -95,7 +95,8 @@ def command(
     if out is None:
         raise UserError("name the bag to write (--out), or look only at the film (--check)")
     if marks is not None:
-        square = squaring(marks, scene_of(described).rectangle)
+        with _named_in_errors(scene_file or described.file):
+            square = squaring(marks, scene_of(described).rectangle)
         view, described = FilmView(path=video, square=square), _seen_squarely(described, square, video)
     dynamics = load_model(model, rig=rig) if model is not None else None
     if model is not None:
@@ -222,14 +223,14 @@ def _checked(view: FilmView, rig: Rig, marks: Array | None, page: Path, *, expos
 
 
 @contextmanager
-def _named_in_errors(video: Path, *others: Path | None) -> Iterator[None]:
-    """A refusal names the film, where it does not name a file already."""
+def _named_in_errors(file: Path, *others: Path | None) -> Iterator[None]:
+    """A refusal names a file, where it does not name that or another one already."""
     try:
         yield
     except UserError as error:
-        if str(error).startswith(tuple(str(place) for place in (video, *others) if place)):
+        if str(error).startswith(tuple(str(place) for place in (file, *others) if place)):
             raise
-        raise UserError(f"{video}: {error}") from error
+        raise UserError(f"{file}: {error}") from error
 
 
 def table_of(record: video_record.VideoRecord) -> Table:

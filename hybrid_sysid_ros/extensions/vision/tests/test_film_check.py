@@ -102,9 +102,15 @@ def test_a_page_is_written_to_click_on(
     refused(run(), "--out", "--check")
     refused(run("--out", str(tmp_path / "out"), "--pivot", "middle"), "--pivot middle", "two numbers")
     scene = tmp_path / "scene.yaml"
-    for marks, words in (("[1, 2]", "four corners"), ("[.1, .1, .2, .1, .2, .2, .1, .2]", "width and height")):
+    for marks, words in (
+        ("[1, 2]", "four corners"),
+        ("[.1, .1, .2, .1, .2, .2, .1, .2]", "width and height"),
+        ("[.1, .2, .2, .2, .2, .1, .1, .1]\nrectangle: [2, 1]", "clockwise"),
+    ):
         scene.write_text(f"joint: beam\npivot: [0.5, 0.29]\nsprite: [{{disc: 0.1}}]\nmarks: {marks}\n")
         refused(run("--out", str(tmp_path / "out"), "--scene", str(scene)), "scene.yaml", words)
+    scene.write_text("joint: bem\npivot: [0.5, 0.29]\nsprite: [{disc: 0.1}]\n")
+    refused(run("--out", str(tmp_path / "out"), "--scene", str(scene)), "scene.yaml", "no joint that moves")
 
 
 def test_four_marks_make_a_view_square() -> None:
