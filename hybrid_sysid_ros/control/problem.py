@@ -109,7 +109,7 @@ _PER_INPUT = ("rate_weights", "input_weights", "input_low", "input_high", "rate_
 _PER_STATE = ("state_low", "state_high", "soft_linear", "soft_quadratic")
 _POSITIVE = ("horizon", "period", "substeps", "max_iterations", "output_scales", "soft_quadratic", "rate_limits")
 _WHOLE = ("horizon", "substeps", "max_iterations")
-_NOT_NEGATIVE = ("output_weights", "rate_weights", "input_weights", "soft_linear", "smoothing")
+_NOT_NEGATIVE = ("output_weights", "final_output_weights", "rate_weights", "input_weights", "soft_linear", "smoothing")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +172,9 @@ class ControlProblem:
             object.__setattr__(self, name, _numbers(name, getattr(self, name)))
         object.__setattr__(self, "terms", terms_of(self.terms))
         object.__setattr__(self, "stage_parameters", _stage_parameters(self.stage_parameters, self.horizon))
-        object.__setattr__(self, "final_output_weights", tuple(self.final_output_weights))
+        if np.size(self.final_output_weights):
+            found = _numbers("final_output_weights", self.final_output_weights)
+            object.__setattr__(self, "final_output_weights", found)
         for term in self.terms:
             for each in (term.weight, term.price):
                 if np.size(each) not in (1, self.horizon):

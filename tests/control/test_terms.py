@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -118,3 +119,9 @@ def test_stage_parameters_that_do_not_fit_are_refused(values, said):
 def test_an_unknown_stage_parameter_is_refused_later_too(solver):
     with pytest.raises(UserError, match="no stage parameter limits: known are limit"):
         solver.assign(limits=1.0)
+
+
+@pytest.mark.parametrize("weights", [(-1.0,), (math.nan,), "x", 5j])
+def test_final_weights_that_are_none_are_refused(weights):
+    with pytest.raises(UserError, match="final_output_weights"):
+        declared(final_output_weights=weights)
