@@ -172,9 +172,9 @@ class ControlProblem:
             object.__setattr__(self, name, _numbers(name, getattr(self, name)))
         object.__setattr__(self, "terms", terms_of(self.terms))
         object.__setattr__(self, "stage_parameters", _stage_parameters(self.stage_parameters, self.horizon))
-        if np.size(self.final_output_weights):
-            found = _numbers("final_output_weights", self.final_output_weights)
-            object.__setattr__(self, "final_output_weights", found)
+        final = self.final_output_weights
+        final = _numbers("final_output_weights", final) if np.size(final) else ()
+        object.__setattr__(self, "final_output_weights", final)
         for term in self.terms:
             for each in (term.weight, term.price):
                 if np.size(each) not in (1, self.horizon):

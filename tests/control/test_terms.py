@@ -125,3 +125,7 @@ def test_an_unknown_stage_parameter_is_refused_later_too(solver):
 def test_final_weights_that_are_none_are_refused(weights):
     with pytest.raises(UserError, match="final_output_weights"):
         declared(final_output_weights=weights)
+
+
+def test_no_final_weights_of_a_file_are_those_of_the_default():
+    assert hash(declared(final_output_weights=[])) == hash(declared())
