@@ -254,6 +254,7 @@ def test_the_filter_gives_the_filtered_signal_of_the_records(experiments, rig):
         np.testing.assert_allclose(values[1000:], experiment.filtered[1000:], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_whole_experiment_follows_from_its_reference_alone(experiments, rig):
     """u = clip(3 (ref - yf), +-10), the 20 Hz filter and the beam: R2 of y at least .98 on every record."""
     scale = rig.display[0].scale

@@ -83,6 +83,7 @@ def peer(bench: Bench, domain: int, monkeypatch: pytest.MonkeyPatch) -> Peer:
     return Peer(domain, bench.namespace)
 
 
+@pytest.mark.slow
 def test_a_foreign_controller_drives_the_plant(bench: Bench, peer: Peer) -> None:
     reader, writer = peer.reader("joint_states"), peer.writer("joint_command")
     node = bench.start(PlantNode, lockstep=True)

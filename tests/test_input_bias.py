@@ -68,6 +68,7 @@ def test_a_known_bias_is_found_and_the_rest_of_the_record_met(system, bias):
     assert 1.0 - found.adapted.r2 == pytest.approx((1.0 - LASTS) ** 2 * (1.0 - found.without.r2), rel=0.2)
 
 
+@pytest.mark.slow
 def test_each_input_has_a_bias_of_its_own_through_sensors_with_noise():
     system, bias = Sleds(), np.array([0.05, -0.04])
     record = experiment(system, bias, noise=1e-3, seed=1)

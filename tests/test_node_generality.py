@@ -63,6 +63,7 @@ class Lockstep:
         return np.array([getattr(item, field)[list(item.name).index(entry)] for item in messages])
 
 
+@pytest.mark.slow
 def test_two_inputs_drive_two_outputs_to_their_references(domain: int, carts: Path, tmp_path: Path) -> None:
     model = tmp_path / "model"
     exact_model(rigs.load(carts)).save(model)
@@ -142,6 +143,7 @@ def test_ipopt_commands_what_the_compiled_solver_does(domain: int, carts: Path, 
     np.testing.assert_allclose(found[0], found[1], atol=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("structure", "own"), [("lugre", "deflection"), ("narx", "drive_1"), ("residual", "residual_position_1")]
 )

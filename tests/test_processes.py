@@ -303,6 +303,7 @@ def test_a_node_that_dies_is_started_again_and_the_loop_comes_back(domain: int, 
     assert bags.topics(tmp_path / "bag_2")["/cam_beam/joint_command"].messages > 0
 
 
+@pytest.mark.slow
 def test_a_controller_that_dies_in_an_emergency_stop_does_not_drive_when_it_is_started_again(domain: int) -> None:
     bench, killed = Bench(domain), [0]
     heard = bench.listen("joint_command")
@@ -377,6 +378,7 @@ def _records(process: Path, bag: Path) -> bool:
         return False
 
 
+@pytest.mark.slow
 def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: Path, policy_folder: Path) -> None:
     def interrupt(seconds: float, duration: float) -> None:
         if seconds > 0.5:
@@ -398,6 +400,7 @@ def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: P
     assert threading.active_count() == before
 
 
+@pytest.mark.slow
 def test_no_node_outlives_its_session(domain: int, model_folder: Path, policy_folder: Path) -> None:
     """However that ends: here it is killed."""
     given = f"model={str(model_folder)!r}, policy_path={str(policy_folder)!r}, policy='network', reference='constant'"

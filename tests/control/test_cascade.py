@@ -93,6 +93,7 @@ def problem(**values) -> ControlProblem:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_it_brings_what_falls_to_a_reference_by_plans_half_a_second_apart(stabilised):
     mpc = ExactMpc(stabilised, problem())
     cascade, x, u = Cascade(mpc, stabilised, LIMITS), np.array([0.1, 0.0]), np.zeros(1)

@@ -222,6 +222,7 @@ def test_compiled_flights_are_those_of_the_simulated_rig(rig):
     np.testing.assert_allclose(flight.inputs, applied.reshape(-1, 4, 2).mean(axis=1), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_bag_of_a_flight_has_commands_and_is_flown_again_by_the_vehicle_itself(rig, tmp_path: Path):
     """Without noise and with all that was added to the inputs."""
     quiet = replace(rig, sensors=tuple(replace(sensor, white_noise=0.0) for sensor in rig.sensors))

@@ -227,6 +227,7 @@ def assert_alike(one, two):
         np.testing.assert_allclose(one.models[0].covariance, two.models[0].covariance, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_two_processes_find_what_one_does(alone, linear_records, rig):
     both = compared(linear_records, rig, jobs=2)
     assert both.chosen == alone.chosen

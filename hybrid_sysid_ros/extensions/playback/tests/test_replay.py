@@ -109,6 +109,7 @@ def test_a_loop_in_lockstep_is_replayed_to_the_last_digits(command: Any, loop: P
     assert again.content["joint_command"] == numbers["joint_command"]
 
 
+@pytest.mark.slow
 def test_what_changed_while_it_was_recorded_changes_again(command: Any, domain: int, tmp_path: Path) -> None:
     """Half of the bag with one weight of the input's rate, half with another."""
     bench = Bench(domain)
@@ -139,6 +140,7 @@ def test_a_bag_that_says_nothing_of_itself_is_replayed_by_defaults(command: Any,
     assert largest(numbers, "state_estimate") > ESTIMATES
 
 
+@pytest.mark.slow
 def test_another_driver_answers_otherwise(command: Any, loop: Path, tmp_path: Path) -> None:
     numbers = replayed(command, loop, tmp_path / "out", "--policy", "exact")
     assert largest(numbers, "state_estimate") <= ESTIMATES

@@ -151,6 +151,7 @@ def test_a_worst_case_can_be_run_again(broken):
 # The same loops
 
 
+@pytest.mark.slow
 def test_a_seed_decides_a_certificate(broken):
     subject = trial_of(broken)
     one, two = (certify(subject, loops=130, workers=workers) for workers in (1, 2))

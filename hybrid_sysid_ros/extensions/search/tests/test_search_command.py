@@ -42,6 +42,7 @@ def command(capsys: pytest.CaptureFixture[str]):
     return run
 
 
+@pytest.mark.slow
 def test_the_command_searches_and_fits_the_best(command, tmp_path: Path) -> None:
     arguments = (*BAGS, "--structure", "linear", "--folds", 2, "--study", tmp_path / "search.db", "--jobs", 1)
     status, out, error = command(*arguments, "--part", "0:0.2", "--trials", 3, "--out", tmp_path / "model")

@@ -66,6 +66,7 @@ def kill_the_first(folder: Path) -> threading.Thread:
     return thread
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_no_trial(place: str, tmp_path: Path, lines: list[str]) -> None:
     killer = kill_the_first(tmp_path)
     with study_of(place) as study, processes(Watched(tmp_path, slow="0"), lines.append, jobs=2) as workers:

@@ -197,6 +197,7 @@ def test_time_begins_anew_when_the_clock_was_set(shown_rig: ShownRig, shown: Any
     assert len(pixels(page, ".chart.output .u-over", "estimate")) > 10
 
 
+@pytest.mark.slow
 def test_a_page_goes_on_after_a_restart_of_its_server(shown_rig: ShownRig) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]

@@ -74,6 +74,7 @@ def test_a_shaking_camera_is_said(frames: list[tuple[float, Picture]], tmp_path:
     assert "tripod" in _found(frames, tmp_path, shaken)["tripod"].advice
 
 
+@pytest.mark.slow
 def test_a_camera_that_swings_away_is_said_to_be_moved(tmp_path: Path) -> None:
     """A camera that pans by .35 rad sees what stands in perspective: no similarity explains it beside the middle."""
     rows, columns, focal = 136, 240, 216.0

@@ -28,6 +28,7 @@ def _film(count: int, angles: Array = ANGLES, seed: int = 0) -> tuple[Film, Arra
     return np.stack([imager.take(time, TIMES, angles) for time in times]), times, imager
 
 
+@pytest.mark.slow
 def test_layers_are_learned_without_a_label() -> None:
     film, _, _ = _film(80)
     layers, _ = learn(film, RIG, readout=CAMERA.readout)
