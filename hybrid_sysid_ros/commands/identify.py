@@ -43,7 +43,7 @@ def command(
     rig: terminal.RigName = "",
     structure: terminal.StructureName = "hybrid",
     option: terminal.StructureOptions = None,
-    input_handling: terminal.InputHandlingOption = "averaged",
+    input_handling: terminal.InputHandlingOption = "auto",
     step: terminal.StepOption = None,
     period: terminal.Period = None,
     part: terminal.PartText = "0:1",
@@ -118,6 +118,7 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
     """Print what was found, and what to doubt of it."""
     console.print(f"{model.structure}: {model.kind.summary}")
     print_table(parameter_table(model))
+    console.print(f"inputs: {model.inputs_sentence}")
     for line in model.kind.lines(model.system):
         console.print(line)
     for doubt in doubts(model):

@@ -74,7 +74,7 @@ InputHandlingOption = Annotated[
     typer.Option(
         "--input",
         help="How the model takes its input: the mean over each step of samples that are held (averaged) or joined by "
-        "lines (interpolated), one reading a period (sampled), or as the records show it (auto).",
+        "lines (interpolated), one reading a period (sampled), or as the training records show it (auto).",
     ),
 ]
 Initial = Annotated[

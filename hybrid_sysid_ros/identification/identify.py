@@ -28,6 +28,8 @@ from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extensions import blaming, provided
 
+BETTER = 0.98
+"""Factor of the training error by which lines between an input's samples must be better than held samples."""
 REFINED, FINER = 0.3, (5, 4, 2)
 """Share of a standard error by which a step may move a parameter, and the parts into which a longer step is cut."""
 
@@ -57,7 +59,8 @@ def identify(
         check_sampling(sampling, f"identification of {rig.name}")
     found = structure_of(structure, rig.system, rig.structures)
     if sampling.input == "auto":
-        sampling = replace(sampling, input=handling_of(records, sampling))
+        given: dict[str, Any] = {"part": part, "options": options, "seed": seed, "progress": progress, "refine": refine}
+        return _by_training(records, rig, structure, sampling, given)
     chosen, holds = complete(options or {}, found.options, structure), found.sampling(sampling)
     used = without_gaps(parts_of(records, part, sampling), sampling)
     parts = [part] * len(records) if isinstance(part, Part) else part
@@ -105,6 +108,21 @@ def identify(
             **({"groups": [group.content for group in known_together]} if known_together else {}),
         },
     )
+
+
+def _by_training(
+    records: Sequence[Record], rig: Rig, structure: str, sampling: Sampling, given: Mapping[str, Any]
+) -> Model:
+    """The model whose inputs are taken as the records show them: held, unless they are band-limited, and lines between
+    their samples explain the outputs better. The samples alone can't tell a held input from an interpolated one.
+    """
+    held = identify(records, rig, structure, sampling=replace(sampling, input="averaged"), **given)
+    if handling_of(records, sampling) == "averaged":
+        return held
+    joined = identify(records, rig, structure, sampling=replace(sampling, input="interpolated"), **given)
+    tried = {model.sampling.input: float(model.fit["relative_error"]) for model in (held, joined)}
+    found = joined if joined.fit["relative_error"] < BETTER * held.fit["relative_error"] else held
+    return replace(found, fit={**found.fit, "inputs_tried": tried})
 
 
 def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:

@@ -218,7 +218,7 @@ def given_parts(value: PartLike | Sequence[PartLike], count: int) -> Part | list
 def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
     """The sampling of records, by default that of the rig's file, or else that of the command line."""
     given = section(rig.content, "demo", str(rig.file))
-    own = {name: given[name] for name in ("step", "period") if name in given}
+    own: dict[str, Any] = {"input": "auto", **{name: given[name] for name in ("step", "period") if name in given}}
     if value is None:
         return Sampling(**own)
     if isinstance(value, Sampling):

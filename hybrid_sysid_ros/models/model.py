@@ -100,6 +100,18 @@ class Model:
         return {name: float(d) for name, d in zip(self.names, deviations, strict=True) if name in physical}
 
     @property
+    def inputs_sentence(self) -> str:
+        """How the model takes its inputs, and by what training errors this was chosen, if by any."""
+        words = {
+            "interpolated": "lines join their samples (first-order hold)",
+            "sampled": "each is read once a period and holds",
+        }
+        found = words.get(self.sampling.input, "each sample holds until the next")
+        tried = self.fit.get("inputs_tried", {})
+        errors = ", ".join(f"{name} {100.0 * float(error):.3g} %" for name, error in tried.items())
+        return f"{found}; training errors: {errors} of the output's deviation" if errors else found
+
+    @property
     def free_numbers(self) -> int:
         """Number of free parameters and weights of the learned part."""
         return len({*self.names} | {f"weight_{index}" for index in range(len(self.system.weights))})
