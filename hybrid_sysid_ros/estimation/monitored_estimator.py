@@ -56,6 +56,7 @@ class MonitoredEstimator:
 
     While a sensor is left out, a second estimator of all sensors begins anew whenever they contradict it. It takes the
     place of the first one when it has agreed for AGREED seconds: so a sensor is tried without spoiling the estimate.
+    One that jumped must jump back before: an estimate that begins at it has nothing against a slow state that is wrong.
 
     filter: the estimator. monitor: see :class:`~.sensor_monitor.SensorMonitor`. frozen: a detector for each output.
     shown: the readings of the newest measurement (p,), NaN where a sensor is frozen. outputs: those that were used.
@@ -149,6 +150,9 @@ class MonitoredEstimator:
     def _try_again(self, time: float, applied: Array, elapsed: float) -> None:
         """Use all sensors again once a second estimate, which begins anew where they contradict it, agrees with all."""
         whole, begins = self._whole, math.isnan(self._agreed)
+        if any(self.monitor.away):
+            self._agreed = math.nan
+            return
         if whole is None or (begins and not np.isfinite(self.shown).any()):
             return
         if begins:

@@ -28,6 +28,9 @@ AGREES = 0.5
 BLAMELESS = 3.0
 """Time [s] for which the other sensors must have been beyond doubt before one is left out: where two contradict the
 model at once, it is more likely that the model or an actuator is wrong. One after the other may well fail."""
+SUDDEN = 2.0
+"""Multiple of the largest mean square that is still plausible, by which a first suspicious reading has jumped: what an
+actuator does shows in a sensor by and by. By trial on faults of vehicle and drill string."""
 STILL = 0.05
 """Share of the variance that differences of white noise have, below which a sensor is frozen."""
 ENOUGH = 20
@@ -90,7 +93,8 @@ class SensorMonitor:
     suspicion for ``leave_after`` is left out where the others tell the state and were beyond doubt themselves, and
     comes back when it has agreed with the estimate for as long, or by :meth:`readmit`.
 
-    left_out: which sensors are left out now (outputs,). counts: how often each was.
+    left_out: which sensors are left out now (outputs,). counts: how often each was. away: which have jumped off what was
+    expected, and not back: these lie, even where an estimate that believes them explains the others, too.
     """
 
     def __init__(
@@ -111,7 +115,8 @@ class SensorMonitor:
         """
         count = len(noise)
         self._covered = list(covered) or [False] * count
-        self.left_out, self.counts = [False] * count, [0] * count
+        self.left_out, self.counts, self.away = [False] * count, [0] * count, [False] * count
+        self._beside = [(math.nan, math.nan)] * count
         self._spare, self._noise = list(map(bool, spare)), list(noise)
         self._largest, self._least = list(largest), list(least)
         self._leave_after, self._timeout = leave_after, timeout
@@ -143,6 +148,8 @@ class SensorMonitor:
             if out:
                 self._compare(k, reading, math.nan if expected is None else float(expected[k]), elapsed)
             else:
+                if self._suspicion[k].seconds == 0.0:
+                    self.away[k] = float(normalised[k]) > SUDDEN * self._largest[k]
                 self.evidence[k] = r = self._evidence(k, float(normalised[k]), elapsed)
                 if self._suspicion[k].add(r, elapsed) > 0.0 and r > 1.0:
                     self._blamed[k] = 0.0
@@ -153,7 +160,7 @@ class SensorMonitor:
         worst = max(range(len(self.evidence)), key=lambda k: self._suspicion[k].seconds if self._spare[k] else -1.0)
         if self._suspicion[worst].seconds >= self._leave_after and self._may_leave(worst):
             self.left_out[worst], self.evidence[worst] = True, 0.0
-            self._mean[worst] = CLEAREST * self._largest[worst]
+            self._mean[worst], self._beside[worst] = CLEAREST * self._largest[worst], (math.nan, math.nan)
             self.counts[worst] += 1
 
     def _evidence(self, k: int, square: float, elapsed: float) -> float:
@@ -170,7 +177,12 @@ class SensorMonitor:
 
     def _compare(self, k: int, reading: float, expected: float, elapsed: float) -> None:
         """Let a sensor back that agrees with the estimate."""
-        square = min(((reading - expected) / self._noise[k]) ** 2, CLEAREST * self._largest[k])
+        most = CLEAREST * self._largest[k]
+        moved, came = reading - self._beside[k][0], reading - expected - self._beside[k][1]
+        self._beside[k] = reading, reading - expected
+        back = min(abs(moved), abs(came)) > self._noise[k] * math.sqrt(2.0 * self._largest[k])
+        self.away[k] &= not back and not self.is_missing(k)
+        square = min(((reading - expected) / self._noise[k]) ** 2, most)
         if math.isfinite(square):
             self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
         agrees = math.isfinite(square) and self._mean[k] < AGREES * self._largest[k]

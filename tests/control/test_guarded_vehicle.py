@@ -11,7 +11,7 @@ from hybrid_sysid_ros.runtime.guarded_loop import guarded_loop
 from hybrid_sysid_ros.runtime.parameters import shipped
 
 PERIOD, BEGIN = 0.02, 0.6
-PITCH_RATE, ANGLE = 4, 3
+SPEED, ANGLE, PITCH_RATE = 0, 3, 4
 
 
 @pytest.fixture(scope="module")
@@ -21,9 +21,9 @@ def vehicle():
     return rig, guarded_loop(rig, model, {"policy": "exact"})
 
 
-def flown(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0):
+def flown(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0, jump=0.0):
     """States of the loop, the plant in the end, and the deflections: with an offset of the elevator, a sign of the
-    pitch rate, and one of the elevator, which is measured, from BEGIN on.
+    pitch rate, one of the elevator, which is measured, and a jump of the measured speed [m/s], from BEGIN on.
     """
     rig, loop = vehicle
     plant = Plant(rig, seed=3)
@@ -34,6 +34,7 @@ def flown(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0):
         late = k * PERIOD >= BEGIN
         readings = plant.sensed()
         readings[PITCH_RATE] *= sign if late else 1.0
+        readings[SPEED] += jump if late else 0.0
         plant.bias[1] = offset if late else 0.0
         estimate = loop.estimator.update(k * PERIOD, readings, inputs)
         inputs = loop.control(estimate, inputs, now, np.tile(now, (loop.controller.horizon, 1)), PERIOD).copy()
@@ -57,6 +58,13 @@ def test_a_pitch_rate_of_the_wrong_sign_is_left_out_before_the_vehicle_is_lost(v
     assert vehicle[1].estimator.monitor.counts == [0, 0, 0, 0, 1]
     assert LoopState.RESTING not in levels
     assert abs(plant.state[ANGLE]) < 0.01
+
+
+def test_a_speed_that_has_jumped_stays_left_out(vehicle):
+    """An estimate that begins at the wrong speed has nothing against it for seconds: the vehicle is slow to gain any."""
+    _, plant, _ = flown(vehicle, BEGIN + 3.0, jump=60.0)
+    assert vehicle[1].estimator.monitor.left_out == [True, False, False, False, False]
+    assert abs(plant.state[SPEED]) < 5.0
 
 
 def test_a_flipped_elevator_is_tried_with_small_deflections(vehicle):
