@@ -30,7 +30,7 @@ BLAMELESS = 3.0
 model at once, it is more likely that the model or an actuator is wrong. One after the other may well fail."""
 SUDDEN = 2.0
 """Multiple of the largest mean square that is still plausible, by which a first suspicious reading has jumped: what an
-actuator does shows in a sensor by and by. By trial on faults of vehicle and drill string."""
+actuator does shows in a sensor by and by. Found by trial on rehearsed faults."""
 STILL = 0.05
 """Share of the variance that differences of white noise have, below which a sensor is frozen."""
 ENOUGH = 20
@@ -93,7 +93,7 @@ class SensorMonitor:
     suspicion for ``leave_after`` is left out where the others tell the state and were beyond doubt themselves, and
     comes back when it has agreed with the estimate for as long, or by :meth:`readmit`.
 
-    left_out: which sensors are left out now (outputs,). counts: how often each was. away: which have jumped off what was
+    left_out: which sensors are left out now (outputs,). counts: how often each was. away: which jumped off what was
     expected, and not back: these lie, even where an estimate that believes them explains the others, too.
     """
 

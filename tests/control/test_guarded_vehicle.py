@@ -61,7 +61,7 @@ def test_a_pitch_rate_of_the_wrong_sign_is_left_out_before_the_vehicle_is_lost(v
 
 
 def test_a_speed_that_has_jumped_stays_left_out(vehicle):
-    """An estimate that begins at the wrong speed has nothing against it for seconds: the vehicle is slow to gain any."""
+    """An estimate that begins at the wrong speed has nothing against it for seconds: the vehicle gains slowly."""
     _, plant, _ = flown(vehicle, BEGIN + 3.0, jump=60.0)
     assert vehicle[1].estimator.monitor.left_out == [True, False, False, False, False]
     assert abs(plant.state[SPEED]) < 5.0

@@ -19,8 +19,9 @@ SLACK = 0.5
 """Half of the shift that is to be found soonest, in deviations of a value."""
 OVERSHOOT = 1.166
 """Of a normal walk over a threshold in discrete time, twice .583: Siegmund (1985), Sequential Analysis, chapter 10."""
-LARGEST = 6.0
-"""Most that one value counts."""
+LARGEST = 3.0
+"""Most that one value counts: four seconds far off are a fault that other rules tell, no drift. One normal value in 740
+is larger."""
 
 
 def run_length(threshold: float) -> float:
