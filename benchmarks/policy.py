@@ -267,6 +267,7 @@ def cost(
         pushes=none,
         state_errors=none,
         disturbance_errors=np.zeros((periods, len(system.inputs))),
+        input_errors=np.zeros((periods, len(system.inputs))),
     )
     controller.reset()
 

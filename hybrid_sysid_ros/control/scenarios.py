@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control.mpc.batch import LoopArrays, MpcAnswers, answer_rows, in_threads
 from hybrid_sysid_ros.control.mpc.horizon import Instance, prediction
-from hybrid_sysid_ros.control.mpc.shooting import rollout
+from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
+from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, rollout
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System, step_with_jacobian
 from hybrid_sysid_ros.support.arrays import Array, Numbers
@@ -180,6 +182,8 @@ class Scenario(NamedTuple):
     """Errors of the states that the controller gets, (T, n)."""
     disturbance_errors: Array
     """Errors of the disturbances that the controller gets, (T, m)."""
+    input_errors: Array
+    """Errors of the previous inputs that the controller gets, (T, m); it gets them within their bounds."""
 
 
 class LoopRun(NamedTuple):
@@ -193,6 +197,8 @@ class LoopRun(NamedTuple):
     """(T,), the cost of each stage."""
     excess: float
     """Largest distance of a state from its bounds; infinite where one is not a number."""
+    asked: Array
+    """What the controller was asked, (T, n + 2 m + N p)."""
 
 
 def run(scenario: Scenario, problem: ControlProblem, control: Controls) -> LoopRun:
@@ -200,7 +206,8 @@ def run(scenario: Scenario, problem: ControlProblem, control: Controls) -> LoopR
     plant, weights = prediction(scenario.plant, problem), problem.stage_weights
     periods, horizon = len(scenario.begins), problem.horizon
     states, inputs = np.empty((periods + 1, scenario.states.shape[1])), np.empty_like(scenario.inputs)
-    costs, most, path = np.empty(periods), 0.0, np.empty((2, scenario.states.shape[1]))
+    costs, most, path, rows = np.empty(periods), 0.0, np.empty((2, scenario.states.shape[1])), []
+    low, high = np.array(problem.input_low), np.array(problem.input_high)
     x, u = scenario.states[0], scenario.inputs[0]
     for k in range(periods):
         if scenario.begins[k]:
@@ -210,16 +217,47 @@ def run(scenario: Scenario, problem: ControlProblem, control: Controls) -> LoopR
         asked = Instance(
             x + scenario.state_errors[k],
             scenario.disturbances[k] + scenario.disturbance_errors[k],
-            u,
+            np.clip(u + scenario.input_errors[k], low, high),
             scenario.references[k : k + horizon],
         )
+        rows.append(np.concatenate([np.ravel(part) for part in asked]))
         inputs[k] = control(k, asked)
         stage = Instance(x, scenario.disturbances[k], u, scenario.references[k : k + 1])
         costs[k], excess = rollout(plant, weights, stage, inputs[k : k + 1], path)
         x, u = path[1].copy(), inputs[k]
         most = max(most, excess if np.isfinite(x).all() else np.inf)
     states[periods] = x
-    return LoopRun(states, inputs, costs, most)
+    return LoopRun(states, inputs, costs, most, np.array(rows))
+
+
+def run_many(
+    mpc: ExactMpc, scenarios: Iterable[Scenario], *, attempts: int = 1, threads: int = 0
+) -> Iterator[tuple[LoopRun, MpcAnswers]]:
+    """Loops of the exact MPC as :func:`run` simulates them, and its answers, in compiled code on several cores.
+
+    attempts: calls in a period that is not solved. threads: 0 for one per core; they change nothing. Raises UserError
+    for a plant that has other states, inputs or outputs than the MPC's system.
+    """
+    names = [[item.name for item in each] for each in (mpc.system.states, mpc.system.inputs, mpc.system.outputs)]
+    problem, effort = mpc.problem, mpc.effort(attempts)
+    none = np.zeros((0, problem.horizon, len(names[1])))
+
+    def drive(own: HorizonMemory, scenario: Scenario) -> tuple[LoopRun, MpcAnswers]:
+        plant, (periods, n), m = scenario.plant, scenario.states.shape, scenario.inputs.shape[1]
+        if names != [[item.name for item in each] for each in (plant.states, plant.inputs, plant.outputs)]:
+            raise UserError(f"loops: the plant {type(plant).__name__} has other states, inputs or outputs than the MPC")
+        course = {"states": np.empty((periods + 1, n)), "inputs": np.empty((periods, m)), "costs": np.empty(periods)}
+        given = {name: np.ascontiguousarray(part) for name, part in scenario._asdict().items() if name != "plant"}
+        begins, excess = given.pop("begins"), np.zeros(1)
+        given |= {"initial_states": given.pop("states"), "initial_inputs": given.pop("inputs")}
+        asked = np.empty((periods, n + 2 * m + problem.horizon * len(names[2])))
+        answers = MpcAnswers.empty(periods, problem.horizon, n, m)
+        parts = asked, begins, none, (0, periods), answers, prediction(plant, problem), problem.stage_weights
+        loop = LoopArrays(**given, **course, excess=excess)
+        answer_rows(own.prediction, own.horizon, own.program, effort, *parts, loop)
+        return LoopRun(**course, excess=float(excess[0]), asked=asked), answers
+
+    return in_threads(drive, scenarios, mpc.memory, threads)
 
 
 # Parts of scenarios
@@ -264,6 +302,7 @@ def drawn(
         pushes=pushes,
         state_errors=np.zeros((periods, n)),
         disturbance_errors=np.zeros((periods, m)),
+        input_errors=np.zeros((periods, m)),
     )
 
 

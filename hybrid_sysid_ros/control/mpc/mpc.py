@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
+from hybrid_sysid_ros.control.mpc.batch import PIECE, Effort, LoopArrays, MpcAnswers, answer_rows, in_threads
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.shooting import (
@@ -25,6 +28,7 @@ from hybrid_sysid_ros.control.mpc.shooting import (
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 BETWEEN_LOOKS = 4
 """Iterations between two readings of the clock."""
@@ -157,6 +161,60 @@ class ExactMpc:
         parts = mpc.prediction, mpc.horizon, mpc.program, self._instance
         found = solve_call(*parts, 1, self._tolerance, False, True, True)
         return mpc.horizon.planned[0].copy() if found.iterations else None
+
+    def memory(self) -> HorizonMemory:
+        """Further memory of the same problem, for a thread of its own; the parameters of the stages are shared."""
+        return replace(shooting(self.system, self.problem), prediction=self._shooting.prediction)
+
+    def effort(self, attempts: int = 1) -> Effort:
+        """What a call may take, for compiled code."""
+        return Effort(self.problem.max_iterations, self._tolerance, attempts)
+
+    def solve_many(self, instances: Array, starts: Array | None = None, *, threads: int = 0) -> MpcAnswers:
+        """Answers to independent instances, until they are solved, on several cores: the same whatever ``threads`` is.
+
+        instances (rows, n + 2 m + N p): rows [x, d, u_previous, q_1, ..., q_N], the parts of :meth:`control`. starts
+        (rows, N, m): inputs to begin from, such as a neighbour's; without them each begins from its previous inputs.
+        threads: 0 for one per core. The last plan of this controller stays. Raises UserError for other shapes.
+        """
+        return self._solve_rows(instances, np.ones(len(instances), np.bool_), starts, threads=threads, piece=PIECE)
+
+    def solve_sequence(self, instances: Array, begins: NDArray[np.bool_], *, attempts: int = 1) -> MpcAnswers:
+        """Answers to the instances of a loop, each from the plan before, which is shifted by an interval, but for rows
+        that begin (rows,). attempts: calls for one that is not solved. See :meth:`solve_many`.
+        """
+        return self._solve_rows(instances, begins, None, attempts=attempts, piece=max(len(instances), 1))
+
+    def _solve_rows(
+        self,
+        instances: Array,
+        begins: NDArray[np.bool_],
+        starts: Array | None,
+        *,
+        piece: int,
+        attempts: int = 1,
+        threads: int = 1,
+    ) -> MpcAnswers:
+        n, m, count = len(self.system.states), len(self.system.inputs), self.horizon
+        given = np.ascontiguousarray(instances, dtype=float)
+        first = np.ascontiguousarray(np.zeros((0, count, m)) if starts is None else starts, dtype=float)
+        rows, width = len(given), n + 2 * m + count * len(self.system.outputs)
+        for name, part, shape in (
+            ("instances", given, (rows, width)),
+            ("starts", first, (rows if len(first) else 0, count, m)),
+        ):
+            if part.shape != shape:
+                raise UserError(f"solve_many: {name} have shape {part.shape}; they need {shape}")
+        answers, effort, loop = MpcAnswers.empty(rows, count, n, m), self.effort(attempts), LoopArrays.none()
+
+        def solve(own: HorizonMemory, part: tuple[int, int]) -> None:
+            known, weights = own.prediction, own.horizon.weights
+            parts = given, begins, first, part, answers, known, weights, loop
+            answer_rows(known, own.horizon, own.program, effort, *parts)
+
+        pieces = [(at, min(at + piece, rows)) for at in range(0, rows, piece)]
+        list(in_threads(solve, pieces, self.memory, threads))
+        return answers
 
     def follow(self, inputs: Array) -> tuple[float, Array]:
         """Cost of inputs (N, m) for the last call's instance, and the states (N + 1, n) that they lead to, in the exact

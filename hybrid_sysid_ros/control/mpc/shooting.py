@@ -93,6 +93,12 @@ def cold_start(prediction: PredictionModel, horizon: Horizon, instance: Instance
 
 @kernel
 def shift(prediction: PredictionModel, horizon: Horizon, fraction: float) -> None:
+    """:func:`shift_trajectory` for Python."""
+    shift_trajectory(prediction, horizon, fraction)
+
+
+@inner
+def shift_trajectory(prediction: PredictionModel, horizon: Horizon, fraction: float) -> None:
     """Shift the trajectory by a fraction of an interval."""
     count, n = horizon.linear.reached.shape
     m = horizon.inputs.shape[1]
@@ -199,6 +205,22 @@ def feedback(
 
 @kernel
 def solve_call(
+    prediction: PredictionModel,
+    horizon: Horizon,
+    program: Program,
+    instance: Instance,
+    iterations: int,
+    tolerance: float,
+    cold: bool,
+    prepared: bool,
+    anew: bool,
+) -> SolverResult:
+    """:func:`answer` for Python."""
+    return answer(prediction, horizon, program, instance, iterations, tolerance, cold, prepared, anew)
+
+
+@inner
+def answer(
     prediction: PredictionModel,
     horizon: Horizon,
     program: Program,

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import scenarios
-from hybrid_sysid_ros.control.controller import Controller, MpcSolution, Status
-from hybrid_sysid_ros.control.mpc.horizon import Instance
+from hybrid_sysid_ros.control.controller import Controller
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude
@@ -58,10 +57,8 @@ class TrainingSamples:
         return cls(**{item.name: np.concatenate([part[item.name] for part in parts]) for item in fields(cls)})
 
 
-def scenario_of(
-    system: System, problem: ControlProblem, spread: Spread, random: np.random.Generator
-) -> tuple[Scenario, Array]:
-    """A scenario for training, and by how much the previous inputs (T, m) are moved before the MPC is asked.
+def scenario_of(system: System, problem: ControlProblem, spread: Spread, random: np.random.Generator) -> Scenario:
+    """A scenario for training, in which the previous inputs are moved before the MPC is asked.
 
     System, problem and spread are sized for each other.
     """
@@ -76,7 +73,7 @@ def scenario_of(
     errors = random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
     scenario = scenarios.drawn(random, system, problem, spread, wanted, begins, size=size)
     jitter = moved * random.normal(size=scenario.inputs.shape) * np.array(spread.input_jitter)
-    return scenario._replace(state_errors=JITTER * moved * errors), jitter
+    return scenario._replace(state_errors=JITTER * moved * errors, input_errors=jitter)
 
 
 def sample(
@@ -96,19 +93,31 @@ def sample(
     """
     random = np.random.default_rng(seed)
     problem, spread = problem.sized(system), spread.sized(system)
-    scenario, jitter = scenario_of(system, problem, spread, random)
-    expert = _Expert(system, problem, followed or {}, len(scenario.begins))
-    low, high = np.array(problem.input_low), np.array(problem.input_high)
-
-    def control(k: int, asked: Instance) -> Array:
-        if scenario.begins[k]:
-            expert.reset()
-        moved = np.clip(asked.previous + jitter[k], low, high)
-        plan = expert.answer(k, asked._replace(previous=moved))
-        return plan.input if driver is None else driver.control(*asked).input
-
-    loop = scenarios.run(scenario, problem, control)
-    return expert.samples(float(loop.costs.mean()))
+    scenario, mpc = scenario_of(system, problem, spread, random), ExactMpc(system, problem)
+    # Asked twice where that is needed: from a cold start one answer in ten takes so long.
+    if driver is None:
+        ((loop, answers),) = scenarios.run_many(mpc, [scenario], attempts=2, threads=1)
+    else:
+        sound = scenario._replace(input_errors=np.zeros_like(scenario.input_errors))
+        loop = scenarios.run(sound, problem, lambda _, asked: driver.control(*asked).input)
+        first, last = len(system.states) + len(system.inputs), len(system.states) + 2 * len(system.inputs)
+        before = loop.asked[:, first:last] + scenario.input_errors
+        loop.asked[:, first:last] = np.clip(before, problem.input_low, problem.input_high)
+        answers = mpc.solve_sequence(loop.asked, scenario.begins, attempts=2)
+    asked = loop.asked
+    kept, shifts = answers.solved & np.isfinite(loop.costs.mean()), []  # a loop that ran away teaches nothing
+    for name, deviation in (followed or {}).items():
+        near = (ExactMpc(shifted(system, name, side * deviation), problem) for side in (-0.5, 0.5))
+        below, above = (each.solve_sequence(asked, scenario.begins, attempts=2) for each in near)
+        kept &= below.solved & above.solved
+        shifts.append(above.inputs - below.inputs)
+    return TrainingSamples(
+        instances=asked[kept],
+        plans=answers.inputs[kept],
+        shifts=np.stack(shifts, axis=1)[kept] if shifts else np.zeros((kept.sum(), 0, *answers.inputs.shape[1:])),
+        costs=np.full(kept.sum(), loop.costs.mean()),
+        dropped=np.array([np.sum(~kept)]),
+    )
 
 
 def sampled(
@@ -128,57 +137,3 @@ def shifted(system: System, name: str, change: float) -> System:
     """The system with one of its parameters moved."""
     named = system.named
     return system.with_values([*(named | {name: named[name] + change}).values()])
-
-
-class _Expert:
-    """The exact MPC, and those of moved parameters, asked once a period; what they answered."""
-
-    def __init__(self, system: System, problem: ControlProblem, followed: Mapping[str, float], periods: int) -> None:
-        self._mpc = ExactMpc(system, problem)
-        self._period = problem.period
-        self._shifted = [
-            [ExactMpc(shifted(system, name, side * spread), problem) for side in (-0.5, 0.5)]
-            for name, spread in followed.items()
-        ]
-        inputs = len(system.inputs)
-        size = len(system.states) + 2 * inputs + problem.horizon * len(system.outputs)
-        self._kept = np.zeros(periods, dtype=bool)
-        self._found = {
-            "instances": np.zeros((periods, size)),
-            "plans": np.zeros((periods, problem.horizon, inputs)),
-            "shifts": np.zeros((periods, len(followed), problem.horizon, inputs)),
-        }
-
-    def reset(self) -> None:
-        for mpc in (self._mpc, *(mpc for pair in self._shifted for mpc in pair)):
-            mpc.reset()
-
-    def answer(self, k: int, asked: Instance) -> MpcSolution:
-        """The answer at period k, which is kept if it converged."""
-        found = self._found
-        plan = self._solved(self._mpc, asked)
-        found["instances"][k] = np.concatenate([np.ravel(part) for part in asked])
-        found["plans"][k] = plan.inputs
-        solved = plan.status is Status.SOLVED
-        self._mpc.prepare(self._period)
-        for index, pair in enumerate(self._shifted):
-            below, above = (self._solved(mpc, asked) for mpc in pair)
-            solved &= below.status is Status.SOLVED and above.status is Status.SOLVED
-            found["shifts"][k, index] = above.inputs - below.inputs
-            for mpc in pair:
-                mpc.prepare(self._period)
-        self._kept[k] = solved
-        return plan
-
-    @staticmethod
-    def _solved(mpc: ExactMpc, asked: Instance) -> MpcSolution:
-        """Asked twice where that is needed: from a cold start one answer in ten takes so long."""
-        plan = mpc.control(*asked)
-        return plan if plan.status is Status.SOLVED else mpc.control(*asked)
-
-    def samples(self, cost: float) -> TrainingSamples:
-        """What was kept; cost: mean stage cost of the loop. One that ran away teaches nothing."""
-        self._kept &= np.isfinite(cost)
-        arrays = {name: values[self._kept] for name, values in self._found.items()}
-        costs, dropped = np.full(int(self._kept.sum()), cost), np.array([np.sum(~self._kept)])
-        return TrainingSamples(**arrays, costs=costs, dropped=dropped)

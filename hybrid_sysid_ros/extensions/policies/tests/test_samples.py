@@ -65,13 +65,13 @@ def test_scenarios_are_of_what_the_spread_says():
     case, spread = CARTS, CARTS_SPREAD.sized(CARTS.system)
     random = np.random.default_rng(0)
     found = [scenario_of(case.system, case.problem, spread, random) for _ in range(200)]
-    wanted = np.concatenate([scenario.references for scenario, _ in found])
+    wanted = np.concatenate([scenario.references for scenario in found])
     assert np.all(np.abs(wanted - 0.2) <= np.array(spread.amplitude) * (1 + 1e-9))
     assert np.all(np.max(np.abs(wanted - 0.2), axis=0) >= 0.95 * np.array(spread.amplitude))
-    disturbances = np.concatenate([scenario.disturbances for scenario, _ in found])
+    disturbances = np.concatenate([scenario.disturbances for scenario in found])
     np.testing.assert_allclose(disturbances.std(axis=0), spread.disturbance, rtol=0.1)
     assert np.mean(np.any(np.diff(disturbances, axis=0) != 0.0, axis=1)) < 0.1  # it jumps now and then
-    inputs = np.concatenate([scenario.inputs for scenario, _ in found])
+    inputs = np.concatenate([scenario.inputs for scenario in found])
     np.testing.assert_allclose(inputs.min(axis=0), case.problem.input_low, atol=1.0)
     np.testing.assert_allclose(inputs.max(axis=0), case.problem.input_high, atol=1.0)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.problems.case import Case
+from benchmarks.mpc_gallery.case import Case
 from hybrid_sysid_ros.control import ControlProblem, StageTerm
 from hybrid_sysid_ros.core import RungeKutta, System
 from hybrid_sysid_ros.core.mathematics import Scalar, exp, maximum

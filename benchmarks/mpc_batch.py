@@ -1,0 +1,163 @@
+"""Many MPC problems at once: converged answers a second on all cores, and closed loops of the beam's certificate.
+
+The questions are those of the noisy loops of mpc_speed, each from the plan of the period before, as there. IPOPT has a
+process on each core and a cold start, as it has no other way. Certificates of 100 000 loops are told from fewer.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from benchmarks import result
+from benchmarks.mpc_speed import SEEDS, cases, loop
+from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.control import ExactMpc, MpcSolution, Status, scenarios
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support import parallel
+from hybrid_sysid_ros.support.arrays import Array
+
+NAME = "mpc_batch"
+CORES = os.cpu_count() or 1
+LEAST = 20_000
+"""Answers in a measurement, at least."""
+REPEATS = 3
+IPOPT_ROWS = 40
+"""Questions for each process of IPOPT."""
+LOOPS, CERTIFIED = 600, 100_000
+ASKED = {"network_per_second": 15_000.0, "over_ipopt": 4.0, "certificate_minutes": 5.0}
+"""On two cores."""
+
+
+class Recorded:
+    """An exact MPC that keeps its questions, and the plans from which it began."""
+
+    def __init__(self, mpc: ExactMpc) -> None:
+        self.mpc = mpc
+        self.rows: list[Array] = []
+        self.starts: list[Array] = []
+        self.reset, self.prepare = mpc.reset, mpc.prepare
+
+    def control(self, *asked: Array) -> MpcSolution:
+        plan = self.mpc.shooting.horizon.inputs
+        self.starts.append(np.tile(asked[2], (len(plan), 1)) if self.mpc.cold else plan.copy())
+        self.rows.append(np.concatenate([np.ravel(part) for part in asked]))
+        return self.mpc.control(*asked)
+
+
+def questions(name: str) -> tuple[ExactMpc, Array, Array]:
+    """The MPC of a case, its questions as rows, and the plans to begin from."""
+    case = cases()[name]
+    recorded = Recorded(ExactMpc(case.system, case.problem))
+    for seed in SEEDS:
+        loop(case, seed, recorded)
+    return recorded.mpc, np.array(recorded.rows), np.array(recorded.starts)
+
+
+def rate(work: Callable[[], int]) -> float:
+    """How many a second, the median of some runs; work returns how many it did."""
+    found = []
+    for _ in range(REPEATS):
+        began = perf_counter()
+        done = work()
+        found.append(done / (perf_counter() - began))
+    return float(np.median(found))
+
+
+def ipopt_rate(name: str, rows: Array) -> float:
+    """Solved answers of IPOPT to questions (rows, n + 2 m + N p) a second, in one process."""
+    from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
+
+    case = cases()[name]
+    solver, n, m = InteriorPointMpc(case.system, case.problem), len(case.system.states), len(case.system.inputs)
+    solved, began = 0, 0.0
+    for number, row in enumerate(rows):
+        if number == 1:  # the first one is built
+            solved, began = 0, perf_counter()
+        solver.reset()
+        state, disturbance, previous, preview = np.split(row, [n, n + m, n + 2 * m])
+        plan = solver.control(state, disturbance, previous, preview.reshape(case.problem.horizon, -1))
+        solved += plan.status is Status.SOLVED
+    return solved / (perf_counter() - began)
+
+
+def compared(name: str) -> dict[str, Any]:
+    """Answers a second of one case."""
+    mpc, rows, starts = questions(name)
+    times = -(-LEAST // len(rows))
+    many, first = np.tile(rows, (times, 1)), np.tile(starts, (times, 1, 1))
+    found: dict[str, Any] = {"questions": len(rows)}
+    for threads in (1, CORES):
+        found[f"{threads}_threads"] = rate(partial(_solved, mpc, many, first, threads))
+    found["cold"] = rate(partial(_solved, mpc, many, None, CORES))
+    answers = mpc.solve_many(rows, starts)
+    found |= {"share_solved": float(answers.solved.mean()), "steps": float(answers.iterations.mean())}
+    picked = np.random.default_rng(0).choice(len(rows), (CORES, IPOPT_ROWS))
+    pieces = [rows[each] for each in picked]
+    found["ipopt_processes"] = float(sum(parallel.run(partial(ipopt_rate, name), pieces, workers=CORES)))
+    return found
+
+
+def _solved(mpc: ExactMpc, rows: Array, starts: Array | None, threads: int) -> int:
+    return int(mpc.solve_many(rows, starts, threads=threads).solved.sum())
+
+
+def certificate() -> dict[str, Any]:
+    """Loops of the beam's certificate: of the exact MPC alone, and all that a certificate needs."""
+    from hybrid_sysid_ros.extensions.policies.configured import trial_of
+    from hybrid_sysid_ros.extensions.policies.trial import KKT_TOLERANCE, measured
+
+    trial = trial_of(configuration.shipped("cam_beam", "policy"), configuration.shipped("cam_beam", "model"))
+    mpc = ExactMpc(trial.model, trial.policy.problem, tolerance=KKT_TOLERANCE)
+    drawn = [trial.scenario(number) for number in range(LOOPS)]
+    next(iter(scenarios.run_many(mpc, drawn[:1])))  # compiles
+    size = -(-LOOPS // (4 * CORES))
+    pieces = [(begin, min(begin + size, LOOPS)) for begin in range(0, LOOPS, size)]
+    loops = {
+        "drawn": rate(lambda: len([trial.scenario(number) for number in range(LOOPS)])),
+        "exact": rate(lambda: len([*scenarios.run_many(mpc, drawn)])),
+        "certified": rate(
+            lambda: sum(len(each["measures"]) for each in parallel.run(partial(measured, trial), pieces))
+        ),
+    }
+    return {"periods": trial.periods, "loops_per_second": loops, "minutes": CERTIFIED / loops["certified"] / 60.0}
+
+
+def main() -> int:
+    """Run, print tables, write the results."""
+    machine, found = result.machine(), {name: compared(name) for name in cases()}
+    shown = Table(
+        "problem", "steps", "one thread", f"{CORES} threads", "cold", "IPOPT's processes", title="solved a second"
+    )
+    for name, case in found.items():
+        figures = (case[key] for key in ("1_threads", f"{CORES}_threads", "cold", "ipopt_processes"))
+        shown.add_row(name, f"{case['steps']:.2f}", *(f"{figure:,.0f}" for figure in figures))
+    print_table(shown)
+    loops = certificate()
+    rates = ", ".join(f"{name} {value:.0f}" for name, value in loops["loops_per_second"].items())
+    print(f"loops of the beam's certificate a second: {rates}; {loops['minutes']:.1f} min for {CERTIFIED:,}")
+    best = f"{CORES}_threads"
+    over = min(case[best] / case["ipopt_processes"] for case in found.values())
+    short = [
+        name
+        for name, falls in {
+            "network_per_second": found["network"][best] < ASKED["network_per_second"],
+            "over_ipopt": over < ASKED["over_ipopt"],
+            "certificate_minutes": loops["minutes"] > ASKED["certificate_minutes"],
+        }.items()
+        if falls
+    ]
+    print(f"short: {', '.join(short) or 'none'}")
+    written = {"cases": found, "certificate": loops, "least_over_ipopt": over, "asked": ASKED, "short": len(short)}
+    print(result.write(NAME, written, on=machine))
+    return 0
+
+
+if __name__ == "__main__":
+    result.run(main)

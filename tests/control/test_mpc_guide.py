@@ -1,0 +1,16 @@
+"""What the guide of the MPC shows, as it is printed there."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).parents[2] / "docs" / "guides" / "mpc.md"
+
+
+def test_the_blocks_of_the_guide_run_in_turn():
+    known: dict[str, Any] = {}
+    for block in re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S):
+        exec(compile(block, str(PAGE), "exec"), known)
+    assert known["answers"].solved.all()
+    assert known["near"].solved.all()
+    assert known["near"].iterations.mean() < known["answers"].iterations.mean()
