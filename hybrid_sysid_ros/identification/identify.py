@@ -30,6 +30,8 @@ from hybrid_sysid_ros.support.extensions import blaming, provided
 
 BETTER = 0.98
 """Factor of the training error by which lines between an input's samples must be better than held samples."""
+ALIKE = 0.01
+"""Difference of scores by which a record is the same: another rule for the start of a run makes some thousandths."""
 REFINED, FINER = 0.3, (5, 4, 2)
 """Share of a standard error by which a step may move a parameter, and the parts into which a longer step is cut."""
 
@@ -79,7 +81,7 @@ def identify(
     known_together = groups(fitted)
     experiments, shown = context.experiments(fitted.system), context.experiments(rig.system)
     ranges = _ranges(rig, shown)
-    bands = _bands(rig, fitted, experiments, ranges)
+    bands = _bands(rig, fitted, fitted.effective, experiments, ranges)
     return Model(
         rig=rig.name,
         place="" if rig.source == rig.name else rig.source,
@@ -145,6 +147,33 @@ def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
     return context, fitted
 
 
+def notes_of(model: Model, records: Sequence[Record], rig: Rig) -> dict[str, Any]:
+    """What :func:`identify` notes of training records, by name, of a model that was made when less was noted.
+
+    records: those that it was fitted to, in any order, and maybe more. One is known by its digest, or by the model's
+    score over it, since the same record may be written as bag anew. Raises UserError where one is missing or another.
+    """
+    given = {record.name: record for record in records}
+    if lacking := [entry["name"] for entry in model.records if entry["name"] not in given]:
+        raise UserError(f"the model was fitted to {', '.join(lacking)} as well: give all bags that it was fitted to")
+    noted = []
+    for entry in model.records:
+        record, (start, stop) = given[entry["name"]], entry.get("part", (0.0, 1.0))
+        used = without_gaps(parts_of([record], Part(start=start, stop=stop), model.sampling), model.sampling)
+        experiments = [checked(each, rig, model.sampling).experiment(model.system) for each in used]
+        if record.digest != entry.get("sha256"):
+            for item in experiments:
+                then, now = model.scores[item.name]["r2"], scores_of(model.system, item, rig).r2
+                if not abs(now - then) <= ALIKE:
+                    raise UserError(
+                        f"{item.name}: the model scored {then:.4f} over it, and now {now:.4f}: not the same"
+                    )
+        noted += experiments
+    most = float(len(model.names) + len(model.system.weights))  # the data determined no more numbers
+    bands = _bands(rig, model, most, noted, model.training_range)
+    return {**({"bands": bands} if bands else {}), **_notes(model.system, noted)}
+
+
 def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
     """Scores of the strict free run, or for an unstable rig of one run in closed loop with its stabiliser.
 
@@ -167,13 +196,17 @@ def _ranges(rig: Rig, experiments: Sequence[PreparedRecord]) -> dict[str, tuple[
 
 
 def _bands(
-    rig: Rig, fitted: Fit, experiments: Sequence[PreparedRecord], ranges: Mapping[str, tuple[float, float]]
+    rig: Rig,
+    fitted: Fit | Model,
+    effective: float,
+    experiments: Sequence[PreparedRecord],
+    ranges: Mapping[str, tuple[float, float]],
 ) -> dict[str, Any]:
     """What bands need to know; empty for an unstable rig, which has no free runs."""
     if rig.experiments.stabiliser is not None:
         return {}
     spans = np.array([np.ptp(ranges[item.name]) for item in rig.system.inputs])
-    known = Uncertainty(names=fitted.names, covariance=fitted.covariance, effective=fitted.effective, spans=spans)
+    known = Uncertainty(names=fitted.names, covariance=fitted.covariance, effective=effective, spans=spans)
     return band_calibration(fitted.system, experiments, known)
 
 

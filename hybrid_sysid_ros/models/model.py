@@ -18,10 +18,13 @@ from hybrid_sysid_ros.models.structure import Structure, assemble, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.text_table import text_table
 
 FORMAT = 2
 Own = TypeVar("Own", bound="Model")
+NOTES = "notes.yaml"
+"""File beside the model's own of what was noted of its training records after it was sealed."""
 TRIALS = 0.2, 0.45, 0.8
 """Points in the training range at which a step of a saved model is compared, to notice that the law has changed."""
 
@@ -52,6 +55,12 @@ class Model:
     place: str = ""
     """Folder of a rig outside the package."""
     seal: str = ""
+    notes: Mapping[str, Any] = field(default_factory=dict)
+    """What was noted of its training records later."""
+
+    def note(self, name: str) -> Any:
+        """What is known of the training records by a name, as "bands"; None where nothing is."""
+        return self.notes.get(name, self.fit.get(name))
 
     def __repr__(self) -> str:
         """One line without arrays."""
@@ -156,6 +165,8 @@ class Model:
         }
         arrays = {"weights": self.system.weights, "covariance": self.covariance}
         storage.save(folder, kind="model", version=FORMAT, content=content, arrays=arrays)
+        if self.notes:
+            save_notes(folder, self.notes)
 
 
 def load(folder: Path | str, *, rig: str | Path = "") -> Model:
@@ -212,11 +223,30 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
             fit=content["fit"],
             place=content.get("place", ""),
             seal=content["seal"],
+            notes=_notes(Path(folder) / NOTES, content["seal"]),
         )
     except UserError as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error}") from error
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error!r} is missing or malformed; fit again") from error
+
+
+def save_notes(folder: Path | str, notes: Mapping[str, Any]) -> None:
+    """Write notes beside a saved model; older ones are replaced. Raises UserError where they can't be written."""
+    place = path_of(folder, "folder")
+    content = {"model": storage.digest(place, kind="model"), "notes": dict(notes)}
+    storage.save_sheet(place / NOTES, version=FORMAT, content=content)
+
+
+def _notes(path: Path, seal: str) -> Mapping[str, Any]:
+    """The notes beside a model, if there are any. Raises UserError for those of another model."""
+    if not path.is_file():
+        return {}
+    content = storage.load_sheet(path, kind="notes", version=FORMAT)
+    if content.get("model") != seal or not isinstance(content.get("notes"), dict):
+        raise UserError(f"{path} is of another model: remove it, or make it again (hybrid-sysid trained-range)")
+    found: dict[str, Any] = content["notes"]
+    return found
 
 
 def finite(error: float | None) -> float | None:

@@ -22,7 +22,10 @@ from hybrid_sysid_ros.support.files import path_of, sha256, written_file, writte
 from hybrid_sysid_ros.support.structured import read_mapping
 
 ARRAYS = "weights.safetensors"
-MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify", "layers": "video --layers"}
+MADE_BY = {
+    "model": "identify", "policy": "policy train", "certificate": "policy certify", "layers": "video --layers",
+    "notes": "trained-range",
+}  # fmt: skip
 """The commands that write each kind."""
 
 

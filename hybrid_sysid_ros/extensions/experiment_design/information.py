@@ -180,7 +180,7 @@ def noise_of(model: Model, rig: Rig) -> Array:
     Where a model does not have the correlation time, what its errors have beyond the sensor's noise counts as slow, a
     stretch of CORRELATION_SECONDS as one observation.
     """
-    found, bands = [], model.fit.get("bands", {}).get("outputs", {})
+    found, bands = [], (model.note("bands") or {}).get("outputs", {})
     for item, sensor in zip(model.system.outputs, rig.sensors, strict=True):
         errors = [scores.get("outputs", {item.name: scores})[item.name]["rmse"] for scores in model.scores.values()]
         whole = float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0

@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.extensions.trained_range.trained_range import TrainedRange
-from hybrid_sysid_ros.extensions.trained_range.use import LASTING
+from hybrid_sysid_ros.extensions.trained_range.use import NOT
 from hybrid_sysid_ros.extensions.trained_range.words import reason
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array
@@ -24,7 +24,7 @@ class LiveRange:
         """rate: of estimates [1/s]."""
         self._model, self._trained = model, trained
         self._every = max(round(model.sampling.period * rate), 1)
-        kept = trained.scales.samples[-1] + LASTING
+        kept = 2 * trained.scales.samples[-1]
         self._outputs: deque[Array] = deque(maxlen=kept)
         self._inputs: deque[Array] = deque(maxlen=kept)
         self._sum, self._count = np.zeros(len(model.system.inputs)), 0
@@ -40,15 +40,17 @@ class LiveRange:
             self._sum, self._count = np.zeros_like(inputs), 0
 
     def report(self) -> tuple[str, Mapping[str, object]]:
-        """What is untrained of the last second, "" for nothing or too little past, and values for the diagnostics."""
+        """What is untrained of the last time of the longest displacement, "" for nothing or too little past, and values
+        for the diagnostics.
+        """
         past = self._trained.scales.samples[-1]
-        if len(self._outputs) < past + LASTING:
+        if len(self._outputs) < 2 * past:
             return "", {"untrained_share": float("nan")}
         outputs, inputs = np.array(self._outputs), np.array(self._inputs)
         away = self._trained.outside(outputs, inputs)[past:]
         share = float(np.mean(away))
         words = ""
-        if share >= 0.5:
+        if share >= NOT:
             features = self._trained.scales.features(outputs, inputs)[away]
             words = reason(self._trained, features, self._model.system, self._model.sampling.period)
         return words, {"untrained_share": share}
@@ -56,5 +58,5 @@ class LiveRange:
 
 def live_range_of(model: Model, settings: Mapping[str, Any]) -> LiveRange | None:
     """The check for an estimator's model and parameters; None for a model without a trained range."""
-    content = model.fit.get("trained_range")
+    content = model.note("trained_range")
     return LiveRange(model, TrainedRange.from_content(content), settings["rate"]) if content else None

@@ -25,7 +25,7 @@ def checked(model: Model, experiment: PreparedRecord, run: Array) -> dict[str, A
     """Verdict, share of the run outside, since when [s], and a sentence; None for a model without a trained range or a
     record that is too short. run: (samples, outputs), of the model alone, from its first state and the inputs.
     """
-    if not (content := model.fit.get("trained_range")):
+    if not (content := model.note("trained_range")):
         return None
     trained, period = TrainedRange.from_content(content), experiment.sampling.period
     inputs, past = mean_inputs(experiment), trained.scales.samples[-1]

@@ -109,7 +109,7 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     """The bands of a model's free run at LEVELS, in the time of five runs; none for a model that was not calibrated,
     such as an older one, or one of an unstable rig.
     """
-    calibration = model.fit.get("bands")
+    calibration = model.note("bands")
     if not calibration:
         return []
     system, ranges = model.system, [model.training_range[item.name] for item in model.system.inputs]

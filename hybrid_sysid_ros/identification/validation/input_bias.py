@@ -121,7 +121,7 @@ def adapt_model(model: Model, record: Record, *, seconds: float, spans: Array) -
     """
     system, widths = model.system, np.asarray(spans, dtype=float)
     prior = SPREAD * widths
-    if bands := model.fit.get("bands"):
+    if bands := model.note("bands"):
         ranges = [model.training_range[item.name] for item in system.inputs]
         trained = float(bands["offset"]) * np.array([high - low for low, high in ranges])
         prior = np.maximum(trained, LEAST * widths)

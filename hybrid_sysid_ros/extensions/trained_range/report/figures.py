@@ -19,7 +19,7 @@ MOST = 400
 
 def section(identification: IdentificationSection, closed_loop: ClosedLoopSection | None) -> FurtherSection | None:
     """Typical motions of the training records and those of the runs, for each output; None for a model without."""
-    content = identification.model.fit.get("trained_range")
+    content = identification.model.note("trained_range")
     if not content:
         return None
     trained, system = TrainedRange.from_content(content), identification.model.system

@@ -13,15 +13,19 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
+from hybrid_sysid_ros.bags import read as bag_of
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.trained_range.live import live_range_of
 from hybrid_sysid_ros.extensions.trained_range.trained_range import WRONGLY, TrainedRange, _places, mean_inputs
 from hybrid_sysid_ros.extensions.trained_range.words import reason
-from hybrid_sysid_ros.identification import prepare
+from hybrid_sysid_ros.identification import notes_of, prepare
 from hybrid_sysid_ros.models import Sampling, load
 from hybrid_sysid_ros.models.fit import PreparedRecord
+from hybrid_sysid_ros.models.model import NOTES
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture import lecture
 from studies.beam_lecture import records as beam_records
 from tests.one_joint import Linear
@@ -175,3 +179,30 @@ def test_the_real_beam_in_slow_motion_is_trained_on_in_the_direction_of_the_ramp
     assert outside(found[3], tuple(values[::-1] for values in motion)) > 0.9
     swept = next(prepare(item, rig.system, Sampling()) for item in all_records if "swept" in item.name)
     assert outside(found[2], (swept.outputs, mean_inputs(swept))) < 0.1
+
+
+def test_an_older_model_gets_notes_beside_its_seal(call, tmp_path: Path) -> None:
+    """By its training records, the digest or the score of which it knows; a policy still belongs to it."""
+    bags = [ROOT / "bags" / f"wheel_motor_{kind}" for kind in ("multisine", "random_steps")]
+    shipped = load(ROOT / "trained/wheel_motor/model")
+    replace(shipped, notes={}).save(tmp_path / "model")
+    before = load(tmp_path / "model")
+    assert before.note("trained_range") is None
+    status, _, error = call(app.main, "hybrid-sysid", "trained-range", tmp_path / "model", bags[0])
+    assert (status, "as well" in error) == (2, True)
+    assert call(app.main, "hybrid-sysid", "trained-range", tmp_path / "model", *bags)[0] == 0
+    after = load(tmp_path / "model")
+    assert after.seal == before.seal
+    assert after.notes == shipped.notes
+    load(ROOT / "trained/cam_beam/model").save(tmp_path / "other")
+    (tmp_path / "model" / NOTES).write_bytes((tmp_path / "other" / NOTES).read_bytes())
+    with pytest.raises(UserError, match="of another model"):
+        load(tmp_path / "model")
+
+
+def test_another_record_by_the_name_of_a_training_record_is_refused() -> None:
+    rig, model = load_rig("wheel_motor"), load(ROOT / "trained/wheel_motor/model")
+    records = [bag_of(ROOT / "bags" / f"wheel_motor_{kind}", rig.signals) for kind in ("multisine", "random_steps")]
+    half = replace(records[0], output=0.9 * records[0].output, digest="")
+    with pytest.raises(UserError, match="not the same"):
+        notes_of(model, [half, records[1]], rig)

@@ -1,0 +1,1 @@
+"""The command that notes what a model was trained on."""
