@@ -30,6 +30,8 @@ BLIND = 1e-9
 """Ratio of the least to the greatest effect of a state on the outputs, below which a state counts as unobservable."""
 GROWTH = 1e-3
 """Growth rate [1/s], or of steps longer than a second per step, above which a linearised system is unstable."""
+WOULD_SHOW = 4.0
+"""Growth over the experiment, as a power of e, that a held rig would show if it were one that nothing stops."""
 STEPS_LATE = 100
 """Most steps of delay in a loop; a loop with more is examined in longer steps."""
 
@@ -56,7 +58,7 @@ def check(rig: Rig) -> Findings:
     states, inputs = _experiment(rig)
     steady = np.isfinite(states).all(axis=1)
     magnitudes = np.maximum(np.max(np.abs(states[steady]), axis=0), 1e-6)
-    if growing := list(_growing(rig, magnitudes, where)):
+    if growing := list(_growing(rig, states, magnitudes, where)):
         problems += growing
     elif not steady.all():
         problems.append(f"{where}: the states grow beyond all numbers in the experiments of {rig.file.name}")
@@ -161,9 +163,10 @@ def _experiment(rig: Rig) -> tuple[Array, Array]:
     return states, inputs
 
 
-def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
+def _growing(rig: Rig, states: Array, magnitudes: Array, where: str) -> Iterator[str]:
     """Lines for the fastest growing mode at rest, under the loops or the feedback of the experiments: a pole outside
     the unit circle, linearised with stick-slip rounded over the speeds of the experiment. An integrator has one on it.
+    A mode that grows within a dead zone and not beyond it is none: the experiment shows that it is held.
     """
     names = [item.name for item in rig.system.states]
     rounding = max((magnitudes[names.index(contact.on)] for contact in rig.system.contacts), default=1.0)
@@ -174,12 +177,28 @@ def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
     fastest = int(np.argmax(growth))
     if growth[fastest] * max(rig.step, 1.0) > GROWTH:
         share = np.abs(vectors[: len(names), fastest]) / magnitudes
-        grown = " and ".join(name for name, part in zip(names, share, strict=True) if part > 0.3 * np.max(share))
-        remark = f"unstable at the origin in {grown}, by e in {1 / growth[fastest]:.3g} s"
+        grown = [index for index in range(len(names)) if share[index] > 0.3 * np.max(share)]
+        if driver and _held_within(rig, states, grown) and growth[fastest] * (len(states) - 1) * rig.step > WOULD_SHOW:
+            return
+        remark = (
+            f"unstable at the origin in {' and '.join(names[k] for k in grown)}, by e in {1 / growth[fastest]:.3g} s"
+        )
         if driver:
             yield f"{rig.file}: experiments.{driver}: with them {remark}; change their gains"
         else:
-            yield f"{where}: {remark}; give the experiments in {rig.file.name} a loop that holds it"
+            yield f"{where}: {remark}; give the experiments in {rig.file.name} loops or a feedback to hold it"
+
+
+def _held_within(rig: Rig, states: Array, which: list[int]) -> bool:
+    """Whether states (samples, states) stayed within the travel, and were in the last quarter of the experiment at
+    most twice as large as before.
+    """
+    low, high = rig.travel[:, which]
+    seen = states[:, which]
+    if not np.all((low < seen) & (seen < high)):
+        return False
+    before, after = np.split(np.abs(seen), [3 * len(seen) // 4])
+    return bool(np.all(np.max(after, axis=0) <= 2.0 * np.max(before, axis=0)))
 
 
 def _under_drivers(rig: Rig, rounding: float) -> tuple[Array, float, str]:

@@ -11,7 +11,7 @@ from scipy import signal
 
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import Dry, System, bounded
-from hybrid_sysid_ros.core.mathematics import log, sqrt
+from hybrid_sysid_ros.core.mathematics import dead_zone, log, sqrt
 from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.drivers import ExperimentLoop, Experiments
@@ -108,6 +108,28 @@ def test_a_loop_that_is_too_weak_is_told_with_what_grows():
     found = problems(weak)
     assert f"with them unstable at the origin in position and velocity, by e in {3**-0.5:.3g} s" in found
     assert "do not tell" not in found
+
+
+class Bridged(Mass):
+    """Its drive has a dead zone of 1 m/s^2."""
+
+    def law(self, x: Any, u: Any) -> Any:
+        return x[1], dead_zone(u[0], 1.0, 0.01, over=1.75) + self.growth * x[0] - 2.0 * x[1]
+
+
+def test_what_grows_within_a_dead_zone_alone_is_held():
+    """q'' = 9 q - 2 q' + n(u): within the dead zone nothing holds it, beyond it a loop of gain 20 does."""
+    falling = Bridged(growth=9.0)
+    steps = {"steps": {0: Excitation(kind="random_steps", numbers={"amplitude": 0.2, "hold": 0.5})}}
+
+    def found(gain, **changes):
+        driven = Experiments(loops={0: ExperimentLoop(output=0, gain=gain)}, excitations=steps)
+        return problems(rig_of(falling, experiments=driven, **changes))
+
+    assert found(20.0) == ""
+    assert "with them unstable at the origin" in found(6.0)
+    travel = np.array([[-0.5, -np.inf], [0.5, np.inf]])
+    assert "with them unstable at the origin" in found(6.0, travel=travel)  # at a stop it grows no further
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.35])

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 RIGS = sorted(path.parent for path in (ROOT / "hybrid_sysid_ros" / "rigs").glob("[!_]*/system.py"))
 STUDIES = [path.name for path in (ROOT / "studies").iterdir() if (path / "__init__.py").is_file()]
 BAGS = [path.name for path in (ROOT / "bags").iterdir() if path.is_dir()]
-ANYBODYS = {"joint", "motor", "wheel", "string", "coulomb", "hysteretic", "public", *structure_names()}
+ANYBODYS = {"joint", "motor", "robot", "wheel", "string", "coulomb", "hysteretic", "public", *structure_names()}
 """Words of rigs and studies that any may have."""
 
 OWN = {*RIGS, ROOT / "hybrid_sysid_ros" / "trained"}
