@@ -99,27 +99,27 @@ def numbers_at(address: int) -> Any:
 
 
 @inner
-def vector(address: int, length: int) -> Array:
-    """The array (length,) at an address."""
-    return carray(_at(address), (length,))  # type: ignore[no-any-return]
+def vector(address: int, length: int, first: int = 0) -> Array:
+    """The array (length,) that begins ``first`` numbers behind an address."""
+    return carray(_at(address + 8 * first), (length,))  # type: ignore[no-any-return]
 
 
 @inner
-def matrix(address: int, rows: int, columns: int) -> Array:
-    """The array (rows, columns) at an address."""
-    return carray(_at(address), (rows, columns))  # type: ignore[no-any-return]
+def matrix(address: int, rows: int, columns: int, first: int = 0) -> Array:
+    """The array (rows, columns) that begins ``first`` numbers behind an address."""
+    return carray(_at(address + 8 * first), (rows, columns))  # type: ignore[no-any-return]
 
 
 @inner
 def mean_of(core: Any, row: int) -> Array:
     """Mean (size,) of a belief."""
-    return vector(core.means + 8 * row * core.size, core.size)
+    return vector(core.means, core.size, row * core.size)
 
 
 @inner
 def root_of(core: Any, row: int) -> Array:
     """Root (size, size) of a belief's covariance."""
-    return matrix(core.roots + 8 * row * core.size * core.size, core.size, core.size)
+    return matrix(core.roots, core.size, core.size, row * core.size * core.size)
 
 
 @inner
@@ -146,7 +146,7 @@ def clip_state(core: Any, mean: Array) -> None:
 
 
 @inner
-def _with(core: Any, z: Array, drive: Array) -> None:
+def set_model(core: Any, z: Array, drive: Array) -> None:
     """Set the model's inputs and parameters to those of z."""
     n, m, size = core.states, core.inputs, z.shape[0]
     u = numbers_at(core.drive)
@@ -162,7 +162,7 @@ def _with(core: Any, z: Array, drive: Array) -> None:
 @inner
 def move(core: Any, z: Array, drive: Array, h: float, following: Array) -> None:
     """One step of h [s] of the model under the inputs ``drive`` (inputs,): ``following`` receives its states."""
-    _with(core, z, drive)
+    set_model(core, z, drive)
     parameters, weights, u = numbers_at(core.parameters), numbers_at(core.weights), numbers_at(core.drive)
     call_value(core.step, z, u, parameters, weights, h, 0.0, following)
 
@@ -198,7 +198,7 @@ def add_process_noise(core: Any, rows: Array, count: int, h: float) -> int:
 @inner
 def _show(core: Any, z: Array, shown: Array) -> None:
     """The output map at z."""
-    _with(core, z, vector(core.acting, core.inputs))
+    set_model(core, z, vector(core.acting, core.inputs))
     parameters, weights, u = numbers_at(core.parameters), numbers_at(core.weights), numbers_at(core.drive)
     call_value(core.output, z, u, parameters, weights, core.longest_step, 0.0, shown)
 

@@ -42,23 +42,23 @@ ITERATIONS = 2
 
 @inner
 def _predicted(core: Any, row: int) -> Array:
-    return vector(core.predicted + 8 * row * core.size, core.size)
+    return vector(core.predicted, core.size, row * core.size)
 
 
 @inner
 def _filtered(core: Any, row: int) -> Array:
-    return vector(core.filtered + 8 * row * core.size, core.size)
+    return vector(core.filtered, core.size, row * core.size)
 
 
 @inner
 def _predicted_root(core: Any, row: int) -> Array:
-    return matrix(core.predicted_roots + 8 * row * core.size * core.size, core.size, core.size)
+    return matrix(core.predicted_roots, core.size, core.size, row * core.size * core.size)
 
 
 @inner
 def _transition(core: Any, row: int) -> Array:
     """First differences of the step to a moment over the previous filtered root; its column i is in row i."""
-    return matrix(core.transitions + 8 * row * core.size * core.size, core.size, core.size)
+    return matrix(core.transitions, core.size, core.size, row * core.size * core.size)
 
 
 @inner

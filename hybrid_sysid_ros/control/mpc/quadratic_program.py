@@ -59,10 +59,6 @@ class _Result(ctypes.Structure):
     )
 
 
-FLAG = _Result.flag.offset // 4
-"""Place of the solver's flag in ``Program.result``: above 0 where it found the optimum."""
-
-
 def _function(name: str, result: Any, *arguments: Any) -> Any:
     function = getattr(ctypes.CDLL(daqp.__file__), name)
     function.restype, function.argtypes = result, arguments
@@ -89,15 +85,16 @@ def _update(typingctx, function, changed, workspace, problem):  # type: ignore[n
 
 @intrinsic
 def _solve(typingctx, function, result, workspace):  # type: ignore[no-untyped-def]
-    """Call void daqp_solve(result *, workspace *) by its address."""
+    """Call void daqp_solve(result *, workspace *) by its address; return the result's flag."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = ir.IntType(64)
+        number, place = ir.IntType(32), ir.IntType(64)
         target = builder.inttoptr(arguments[0], ir.FunctionType(ir.VoidType(), [place, place]).as_pointer())
         builder.call(target, arguments[1:])
-        return context.get_dummy_value()
+        flag = builder.add(arguments[1], ir.Constant(place, _Result.flag.offset))
+        return builder.sext(builder.load(builder.inttoptr(flag, number.as_pointer())), place)
 
-    return types.void(types.int64, types.int64, types.int64), build
+    return types.int64(types.int64, types.int64, types.int64), build
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +127,8 @@ def quadratic_program(
     soft_linear: Array | None = None,
     soft_quadratic: Array | None = None,
 ) -> tuple[Program, tuple[Any, ...]]:
-    """A program with ``variables`` bounded variables and ``rows`` rows; and its memory, which must live as long.
+    """A program with ``variables`` bounded variables and ``rows`` rows; and its memory, which must live as long. The
+    last part of that are the weights of soft constraints as the library has them, or None.
 
     soft_rows (rows,): rows that may be violated by s at the price soft_linear s + soft_quadratic s^2, (rows,) each.
     Raises UserError where the installed solver has other structures than those that are known here.
@@ -175,16 +173,18 @@ def quadratic_program(
     flag = _function("setup_daqp", ctypes.c_int, _POINTER, _POINTER, _POINTER)(ctypes.addressof(problem), place, 0)
     if flag < 0:
         raise UserError(f"the quadratic program can't be set up (flag {flag}); check that the weights are finite")
+    soft = None
     if soft_rows is not None and np.any(soft_rows):
         linear, quadratic = np.zeros(constraints), np.zeros(constraints)
         linear[variables:] = 0.0 if soft_linear is None else soft_linear
         quadratic[variables:] = 0.5 / (1.0 if soft_quadratic is None else soft_quadratic)
         weigh = _function("daqp_set_soft_weights", ctypes.c_int, *[_POINTER] * 5)
         weigh(place, *(values.ctypes.data for values in (quadratic, quadratic, linear, linear)))
+        soft = quadratic, linear
     functions = _address("daqp_update_ldp"), _address("daqp_solve")
     program.addresses[:] = ctypes.addressof(problem), place, ctypes.addressof(result), *functions
     weakref.finalize(workspace, _release, place)
-    return program, (problem, workspace, result)
+    return program, (problem, workspace, result, soft)
 
 
 def _release(place: int) -> None:
@@ -201,8 +201,7 @@ def solve(program: Program, changed: int) -> bool:
     problem, workspace, result, update, search = program.addresses
     if _update(update, changed, workspace, problem) < 0:
         return False
-    _solve(search, result, workspace)
-    sound = program.result[FLAG] > 0
+    sound = _solve(search, result, workspace) > 0  # above 0 where it found the optimum
     for i in range(program.solution.shape[0]):
         sound = sound and math.isfinite(program.solution[i])
     return sound

@@ -1,0 +1,117 @@
+"""A unit that is built on this machine, and called from Python."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic")
+FLAGS = ("-std=c99", "-O2")
+TIME_LIMIT = 300.0
+"""Of compiling [s]."""
+
+
+class PeriodAnswer(NamedTuple):
+    """A period's answer."""
+
+    status: int
+    inputs: Array
+    """(m,)."""
+    state: Array
+    """(n,)."""
+    ahead: Array
+    """(n,)."""
+    disturbance: Array
+    """(m,)."""
+
+
+def build(compiler: str, folder: Path, name: str, into: Path, *, flags: tuple[str, ...] = ()) -> Path:
+    """Build the shared library of a unit whose files are in ``folder``; return its path.
+
+    Raises UserError where the compiler refuses a file, or finds anything to warn of in NAME.c.
+    """
+    renamed = [f"-Dmalloc={name}_allocate", f"-Dcalloc={name}_allocate_zeros", f"-Dfree={name}_release"]
+    common = [compiler, *FLAGS, *flags, "-fPIC", "-I", str(folder), "-I", str(folder / "daqp"), "-c"]
+    objects = [into / "unit.o"]
+    _run([*common, *WARNINGS, "-Werror", str(folder / f"{name}.c"), "-o", str(objects[0])], f"{name}.c")
+    for path in sorted((folder / "daqp").glob("*.c")):
+        objects.append(into / f"daqp_{path.stem}.o")
+        _run([*common, "-w", *renamed, str(path), "-o", str(objects[-1])], path.name)
+    library = into / f"lib{name}.so"
+    _run([compiler, *flags, "-shared", *map(str, objects), "-o", str(library), "-lm"], f"{name}.c")
+    return library
+
+
+def _run(command: list[str], what: str) -> None:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise UserError(f"{what}: {command[0]} can't be run: {error}") from error
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if "error" in line] or ["it says nothing"]
+        raise UserError(f"{what}: {command[0]} does not compile it: {lines[0].strip()}")
+
+
+class BuiltUnit:
+    """Calls a unit's library."""
+
+    def __init__(self, library: Path, name: str, *, states: int, inputs: int, outputs: int, horizon: int) -> None:
+        number = ctypes.c_double
+        self._size = outputs, inputs, horizon * outputs
+
+        class Measurement(ctypes.Structure):
+            _fields_ = (("time", number), ("outputs", number * outputs), ("applied", number * inputs))
+
+        class Command(ctypes.Structure):
+            _fields_ = (
+                ("inputs", number * inputs),
+                ("status", ctypes.c_int),
+                ("state", number * states),
+                ("ahead", number * states),
+                ("disturbance", number * inputs),
+            )
+
+        self._measurement, self._command = Measurement(), Command()
+        self._preview = np.zeros(horizon * outputs)
+        loaded = ctypes.CDLL(str(library))
+        self._step, self._reset = getattr(loaded, f"{name}_step"), getattr(loaded, f"{name}_reset")
+        self._prepare = getattr(loaded, f"{name}_prepare")
+        self._prepare.argtypes = (ctypes.c_void_p, number)
+        size = getattr(loaded, f"{name}_size")
+        size.restype = ctypes.c_size_t
+        self.bytes: int = size()
+        """Bytes of its memory."""
+        self._memory = (number * (self.bytes // 8 + 1))()
+        if not getattr(loaded, f"{name}_init")(ctypes.byref(self._memory)):
+            raise UserError(f"{name}.c: the memory of its solver is too small; report this")
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._reset(ctypes.byref(self._memory))
+
+    def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer:
+        """A period: outputs (p,), applied inputs (m,), preview (N, p)."""
+        self._measurement.time = time
+        self._measurement.outputs[:], self._measurement.applied[:] = outputs.tolist(), applied.tolist()
+        self._preview[:] = np.ravel(preview)
+        given: Any = self._preview.ctypes.data
+        self._step(
+            ctypes.byref(self._memory),
+            ctypes.byref(self._measurement),
+            ctypes.c_void_p(given),
+            ctypes.byref(self._command),
+        )
+        found = self._command
+        return PeriodAnswer(found.status, *(np.array(getattr(found, name)) for name in PeriodAnswer._fields[1:]))
+
+    def prepare(self, elapsed: float) -> None:
+        """Prepare for the next period."""
+        self._prepare(ctypes.byref(self._memory), elapsed)

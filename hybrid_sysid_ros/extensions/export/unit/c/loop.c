@@ -1,0 +1,148 @@
+/* @title. Generated; do not edit.
+ *
+@about
+ */
+#include "@name.h"
+
+#include <math.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "-ffast-math (-ffinite-math-only) takes away the test for what is not a number: compile without it"
+#endif
+
+@structures
+@tables
+/* As Python has them: the first stays where one is not a number. */
+static inline @{name}_real @{name}_min(@{name}_real a, @{name}_real b)
+{
+    return b < a ? b : a;
+}
+
+static inline @{name}_real @{name}_max(@{name}_real a, @{name}_real b)
+{
+    return b > a ? b : a;
+}
+
+static inline int @{name}_min_int(int a, int b)
+{
+    return b < a ? b : a;
+}
+
+static inline int @{name}_max_int(int a, int b)
+{
+    return b > a ? b : a;
+}
+
+/* ------------------------------------------------------------------ the solver of quadratic programs, DAQP */
+
+int daqp_update_ldp(int mask, DAQPWorkspace *work, DAQPProblem *problem);
+void *@{name}_allocate(size_t size);
+void *@{name}_allocate_zeros(size_t count, size_t size);
+void @{name}_release(void *memory);
+
+static @{name}_memory *@{name}_in_use;
+
+/* DAQP is compiled with these in place of malloc, calloc and free: it gets all its memory in @{name}_init. */
+void *@{name}_allocate(size_t size)
+{
+    const int words = (int)((size + sizeof(@{name}_real) - 1) / sizeof(@{name}_real));
+    @{name}_real *found = NULL;
+
+    if (@{name}_in_use != NULL && words <= @arena - @{name}_in_use->used) {
+        found = @{name}_in_use->arena + @{name}_in_use->used;
+        @{name}_in_use->used += words;
+    }
+    return found;
+}
+
+void *@{name}_allocate_zeros(size_t count, size_t size)
+{
+    void *found = @{name}_allocate(count * size);
+
+    if (found != NULL) {
+        memset(found, 0, count * size);
+    }
+    return found;
+}
+
+void @{name}_release(void *memory)
+{
+    (void)memory;
+}
+
+static int @{name}_update(@{name}_memory *unit, int changed)
+{
+    return daqp_update_ldp(changed, &unit->workspace, &unit->problem);
+}
+
+static int @{name}_search(@{name}_memory *unit)
+{
+    daqp_solve(&unit->result, &unit->workspace);
+    return unit->result.exitflag;
+}
+
+/* ------------------------------------------------------------------ the loop */
+
+@functions
+/* ------------------------------------------------------------------ what begins as something else than zero */
+
+@beginnings
+size_t @{name}_size(void)
+{
+    return sizeof(@{name}_memory);
+}
+
+int @{name}_init(@{name}_memory *unit)
+{
+    int flag;
+
+    memset(unit, 0, sizeof *unit);
+@copies
+    unit->problem.n = @variables;
+    unit->problem.m = @constraints;
+    unit->problem.ms = @variables;
+    unit->problem.H = unit->program_hessian;
+    unit->problem.f = unit->program_gradient;
+@rows
+    unit->problem.bupper = unit->program_upper;
+    unit->problem.blower = unit->program_lower;
+    unit->problem.sense = unit->program_states;
+    unit->result.x = unit->program_solution;
+    unit->result.lam = unit->program_multipliers;
+    daqp_default_settings(&unit->settings);
+    unit->settings.primal_tol = @tolerance;
+    unit->workspace.settings = &unit->settings;
+    @{name}_in_use = unit;
+    flag = setup_daqp(&unit->problem, &unit->workspace, NULL);
+@soft
+    @{name}_in_use = NULL;
+    return flag > 0;
+}
+
+void @{name}_reset(@{name}_memory *unit)
+{
+    @reset;
+}
+
+void @{name}_step(
+    @{name}_memory *unit, const @{name}_measurement *measurement, const @{name}_reference *reference,
+    @{name}_command *command)
+{
+    memcpy(unit->outputs, measurement->outputs, sizeof unit->outputs);
+    memcpy(unit->applied, measurement->applied, sizeof unit->applied);
+    memcpy(unit->instance + @preview, reference->outputs, sizeof reference->outputs);
+    @step;
+    memcpy(command->inputs, unit->command, sizeof command->inputs);
+    command->status = unit->progress[0].status;
+    memcpy(command->state, unit->out, sizeof command->state);
+    memcpy(command->ahead, unit->out + @{NAME}_STATES, sizeof command->ahead);
+    memcpy(command->disturbance, unit->instance + @{NAME}_STATES, sizeof command->disturbance);
+}
+
+void @{name}_prepare(@{name}_memory *unit, @{name}_real elapsed)
+{
+    @prepare;
+}

@@ -1,0 +1,86 @@
+/* @title. Generated; do not edit.
+ *
+@about
+ */
+#ifndef @{NAME}_H
+#define @{NAME}_H
+
+#include "api.h"
+
+#include <stddef.h>
+
+#define @{NAME}_STATES @states
+#define @{NAME}_INPUTS @inputs
+#define @{NAME}_OUTPUTS @outputs
+#define @{NAME}_HORIZON @horizon
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef @real @{name}_real;
+
+/* outputs: readings of the sensors, NAN where one is missing. applied: mean inputs since the measurement before. */
+typedef struct {
+    @real time; /* [s] */
+    @{name}_real outputs[@{NAME}_OUTPUTS];
+    @{name}_real applied[@{NAME}_INPUTS];
+} @{name}_measurement;
+
+/* outputs: references at one period of the horizon after another, the first one period after the command acts. */
+typedef struct {
+    @{name}_real outputs[@{NAME}_HORIZON * @{NAME}_OUTPUTS];
+} @{name}_reference;
+
+enum @{name}_status {
+    @{NAME}_WAITING, /* there is no estimate yet: the last command */
+    @{NAME}_SOLVED, /* the optimum, to tolerance */
+    @{NAME}_ITERATED, /* one real-time iteration towards the optimum */
+    @{NAME}_NOT_CONVERGED, /* the last iterate, within the bounds */
+    @{NAME}_FAILED /* no solution: the rest of the last plan, or the last command */
+};
+
+/* inputs: always finite and within their bounds. state: estimated at the measurement. ahead: when the command acts.
+ * disturbance: estimated offset of each input. */
+typedef struct {
+    @{name}_real inputs[@{NAME}_INPUTS];
+    int status; /* of enum @{name}_status */
+    @{name}_real state[@{NAME}_STATES];
+    @{name}_real ahead[@{NAME}_STATES];
+    @{name}_real disturbance[@{NAME}_INPUTS];
+} @{name}_command;
+
+@records
+/* All memory of a loop; its members are not for users. */
+typedef struct {
+@memory
+    DAQPProblem problem;
+    DAQPWorkspace workspace;
+    DAQPSettings settings;
+    DAQPResult result;
+    @{name}_real arena[@arena];
+    int used;
+} @{name}_memory;
+
+/* Bytes of the memory. */
+size_t @{name}_size(void);
+
+/* Begin a loop: 1, or 0 where the memory of the solver is too small. One thread at a time. */
+int @{name}_init(@{name}_memory *unit);
+
+/* Forget the past. */
+void @{name}_reset(@{name}_memory *unit);
+
+/* A period: the command for a measurement and a reference. */
+void @{name}_step(
+    @{name}_memory *unit, const @{name}_measurement *measurement, const @{name}_reference *reference,
+    @{name}_command *command);
+
+/* Prepare the next step, which will be elapsed [s] after this one; call it when the command is sent. */
+void @{name}_prepare(@{name}_memory *unit, @{name}_real elapsed);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,207 @@
+"""The text of a unit: types, constants, functions in the order of their calls, and the memory."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout, element, members
+from hybrid_sysid_ros.extensions.export.unit.translator import TranslatedFunction, Translator
+from hybrid_sysid_ros.extensions.export.unit.values import (
+    REAL,
+    ArrayView,
+    LaneValues,
+    NumberValue,
+    RecordValue,
+    StructureValue,
+    literal,
+)
+from hybrid_sysid_ros.support.arrays import Array
+
+WIDTH = 118
+
+
+class Printer:
+    """Prints what a translator has translated."""
+
+    def __init__(self, translator: Translator) -> None:
+        self.translator = translator
+        self.rig, self.layout = translator.rig, translator.layout
+        self._functions = {item.name: item for item in translator.functions.values()}
+        self._remembering: dict[str, bool] = {"solver": True}
+
+    @property
+    def written(self) -> list[str]:
+        """Names of the arrays that are written, in the order of the loop's objects."""
+        return [name for name in self.layout.arrays if name in self.layout.used and self.layout.places[name].written]
+
+    @property
+    def constants(self) -> list[str]:
+        """Names of the arrays that are not."""
+        return [
+            name for name in self.layout.arrays if name in self.layout.used and not self.layout.places[name].written
+        ]
+
+    # ------------------------------------------------------------------ types
+
+    def records(self) -> str:
+        """Types of the records that are in use."""
+        used = [self.layout.arrays[name].dtype for name in self.layout.used]
+        found = []
+        for kind, name in self.layout.records:
+            if kind in used:
+                single = self.layout.mutable.get(name)
+                own = {key: of for key, of in members(kind).items() if single is None or key in single}
+                found.append(self._structure(f"{self.rig}_{name}", [*own.items()]))
+        return "\n".join(found)
+
+    def structures(self) -> str:
+        """Types of what functions return."""
+        return "\n".join(self._structure(name, [*own]) for name, own in self.translator.structures.items())
+
+    def _structure(self, name: str, own: list[tuple[str, str]]) -> str:
+        lines = [f"    {self.translator.type_of(REAL) if kind == REAL else 'int'} {key};" for key, kind in own]
+        return "\n".join(["typedef struct {", *lines, f"}} {name};", ""])
+
+    def memory(self) -> str:
+        """Members of the unit's memory."""
+        lines = []
+        for name in self.written:
+            array = self.layout.arrays[name]
+            lines.append(f"    {self.translator.type_of(element(array.dtype))} {name}[{array.size}];")
+        return "\n".join(lines)
+
+    # ------------------------------------------------------------------ constants
+
+    def tables(self) -> str:
+        """Constants."""
+        return "\n".join(self.table(f"{self.rig}_{name}", self.layout.arrays[name]) for name in self.constants)
+
+    def beginnings(self) -> tuple[str, str]:
+        """Constants with which arrays begin, and the lines that copy them."""
+        tables, lines = [], []
+        for name in self.written:
+            array = self.layout.arrays[name]
+            if array.tobytes().strip(b"\0"):
+                tables.append(self.table(f"{self.rig}_{name}_at_first", array))
+                lines.append(f"    memcpy(unit->{name}, {self.rig}_{name}_at_first, sizeof unit->{name});")
+        return "\n".join(tables), "\n".join(lines)
+
+    def table(self, name: str, array: Array) -> str:
+        """An array of constants."""
+        kind, suffix = element(array.dtype), self.translator.suffix
+        if isinstance(kind, np.dtype):
+            single = self.layout.mutable.get(self.layout.record(kind))
+            own = [key for key in members(kind) if single is None or key in single]
+            rows: Any = array.ravel()
+            parts = ["{" + ", ".join(literal(row[key], suffix) for key in own) + "}" for row in rows]
+        else:
+            parts = [literal(value, suffix) for value in array.ravel()]
+        body = textwrap.fill(", ".join(parts), WIDTH, initial_indent="    ", subsequent_indent="    ")
+        return f"static const {self.translator.type_of(kind)} {name}[{array.size}] = {{\n{body}\n}};\n"
+
+    # ------------------------------------------------------------------ functions
+
+    def entry(self, kernel: Callable[..., Any], argument: str) -> str:
+        """A call of a translated entry point with at most one argument."""
+        made = next(
+            item for key, item in self.translator.functions.items() if key[0] is getattr(kernel, "__code__", None)
+        )
+        return self.final(
+            f"{made.name}(${made.name}${', ' if made.parameters else ''}{argument if made.parameters else ''})"
+        )
+
+    def functions(self) -> str:
+        """All functions, each behind those that it calls."""
+        found, waiting = [], list(self._functions.values())
+        done: set[str] = {"solver"}
+        while waiting:
+            ready = [item for item in waiting if item.calls <= done]
+            for item in ready:
+                found.append(self._function(item))
+                done.add(item.name)
+            waiting = [item for item in waiting if item.name not in done]
+        return "\n".join(found)
+
+    def remembers(self, name: str) -> bool:
+        """Whether a function needs the unit's memory."""
+        if name not in self._remembering:
+            item = self._functions[name]
+            own = any(self.layout.places[array].written for array in item.arrays)
+            self._remembering[name] = own or any(self.remembers(other) for other in sorted(item.calls))
+        return self._remembering[name]
+
+    def _function(self, item: TranslatedFunction) -> str:
+        given = ["PLACEHOLDER_memory *unit"] if self.remembers(item.name) else []
+        given += [self._declared(name, value) for name, value in item.parameters]
+        match item.result:
+            case None | LaneValues():
+                kind = "void "
+                given += [f"{self.translator.type_of(REAL)} *result"] if item.result else []
+            case NumberValue(kind=own):
+                kind = f"{self.translator.type_of(own)} "
+            case ArrayView(kind=own):
+                kind = f"{self.translator.pointer(own, item.place)}"
+            case StructureValue(type=own):
+                kind = f"{own} "
+        head = f"static {kind}{item.name}({', '.join(given) or 'void'})"
+        lines = [f"/* {item.about}. */"] if item.about else []
+        lines += textwrap.wrap(head, WIDTH, subsequent_indent="    ", break_long_words=False)
+        lines.append("{")
+        text = "\n".join(item.lines)
+        for name, value in item.variables.items():
+            if re.search(rf"\b{name}\b", text):
+                lines.append(self._variable(name, value))
+                lines += [f"    (void){name};"] if name in item.unused else []
+        lines += [line for line in item.lines if line]
+        return self.final("\n".join([*lines, "}", ""]))
+
+    def _declared(self, name: str, value: Any) -> str:
+        match value:
+            case ArrayView(kind=kind, place=place) | RecordValue(kind=kind, place=place):
+                return f"{self.translator.pointer(kind, place)}{name}"
+            case StructureValue(type=kind):
+                return f"{kind} {name}"
+        return f"{self.translator.type_of(value.kind)} {name}"
+
+    def _variable(self, name: str, value: Any) -> str:
+        match value:
+            case ArrayView(kind=kind, shape=(size,), text=text) if (
+                text == name and value.live is None and self._is_array(value)
+            ):
+                return f"    {self.translator.type_of(kind)} {name}[{size}];"
+            case ArrayView(kind=kind, place=place) | RecordValue(kind=kind, place=place):
+                return f"    {self.translator.pointer(kind, place)}{name} = 0;"
+            case StructureValue(type=kind):
+                return f"    {kind} {name};"
+        return f"    {self.translator.type_of(value.kind)} {name} = 0;"
+
+    @staticmethod
+    def _is_array(view: ArrayView) -> bool:
+        return not view.place.sources
+
+    def final(self, text: str) -> str:
+        """A text with memory, constants and const in place of their marks."""
+
+        def array(found: re.Match[str]) -> str:
+            name = found[1]
+            return f"unit->{name}" if self.layout.places[name].written else f"{self.rig}_{name}"
+
+        def memory(found: re.Match[str]) -> str:
+            return f"unit{found[2]}" if self.remembers(found[1]) else found[2].removeprefix(", ")
+
+        text = re.sub(r"@(\w+)@", array, text)
+        text = re.sub(r"\$(\w+)\$(, |)", memory, text)
+        text = re.sub(r"§(\d+)§", lambda found: "" if self.translator.places[int(found[1])].written else "const ", text)
+        return text.replace("PLACEHOLDER", self.rig)
+
+
+def layout_of(records: list[tuple[np.dtype[Any], str]], mutable: dict[str, set[str]]) -> MemoryLayout:
+    """An empty layout that knows which members of single records are written."""
+    made = MemoryLayout(records)
+    made.mutable = mutable
+    return made

@@ -1,0 +1,154 @@
+"""Replay: what a loop in Python answered, period by period, and by how much a unit answers otherwise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from hybrid_sysid_ros.control import Controller, ExactMpc
+from hybrid_sysid_ros.control.controller import Status
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
+from hybrid_sysid_ros.extensions.export.unit import loop_kernels as kernels
+from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
+from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+STATUSES = {
+    Status.SOLVED: kernels.SOLVED,
+    Status.ITERATED: kernels.ITERATED,
+    Status.NOT_CONVERGED: kernels.NOT_CONVERGED,
+    Status.FAILED: kernels.FAILED,
+}
+WILD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 1e6, -1e6)
+"""Readings and inputs that no rig has."""
+
+
+class PeriodQuestion(NamedTuple):
+    """What a loop is asked in a period. anew: it forgets the past first."""
+
+    time: float
+    outputs: Array
+    applied: Array
+    preview: Array
+    anew: bool = False
+
+
+class Stepped(Protocol):
+    """A loop that is stepped."""
+
+    def reset(self) -> None: ...
+    def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer: ...
+    def prepare(self, elapsed: float) -> None: ...
+
+
+@dataclass(kw_only=True, eq=False)
+class PythonLoop:
+    """The loop in Python: its estimator and controller. mpc: the one in the controller, without a time limit."""
+
+    estimator: ExtendedKalmanFilter
+    controller: Controller
+    mpc: ExactMpc
+    command: Array
+
+    def reset(self) -> None:
+        """Forget the past; the last command holds."""
+        self.estimator.reset()
+        self.controller.reset()
+        self._answer = PeriodAnswer(
+            kernels.WAITING, self.command, *(np.zeros(len(self.mpc.system.states)) for _ in range(2)),
+            np.zeros(len(self.command)),
+        )  # fmt: skip
+
+    def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer:
+        """A period: outputs (p,), applied inputs (m,), preview (N, p)."""
+        try:
+            estimate = self.estimator.update(time, outputs, applied)
+        except UserError:
+            if self.estimator._started:
+                estimate = self.estimator._look()
+            else:
+                self._answer = self._answer._replace(status=kernels.WAITING)
+                return self._answer
+        plan = self.controller.control(estimate.ahead, estimate.disturbance, self.command, preview)
+        self.command = plan.input
+        status = STATUSES[plan.status]
+        self._answer = PeriodAnswer(status, plan.input, estimate.state, estimate.ahead, estimate.disturbance)
+        return self._answer
+
+    def prepare(self, elapsed: float) -> None:
+        """Prepare for the next period."""
+        if self._answer.status != kernels.WAITING:
+            self.controller.prepare(elapsed)
+
+
+def recorded(
+    rig: Rig, loop: PythonLoop, periods: int, *, seed: int = 0
+) -> tuple[list[PeriodQuestion], list[PeriodAnswer]]:
+    """A loop in Python with the simulated rig, along the rig's first reference."""
+    plant, period = Plant(rig, seed=seed, bias=rig.bias), loop.estimator.period
+    scales = np.array([display.scale for display in rig.display])
+    reference, lead = next(iter(rig.references.values())), loop.estimator.system.delay
+    ahead: Array = lead + loop.controller.period * np.arange(1, loop.controller.horizon + 1, dtype=np.float64)
+    questions, answers = [], []
+    loop.reset()
+    applied = loop.command.copy()
+    for k in range(periods):
+        preview = scales * reference(plant.time + ahead)
+        questions.append(PeriodQuestion(plant.time, plant.sensed(), applied, preview, k == 0))
+        answers.append(loop.step(*questions[-1][:4]))
+        loop.prepare(period)
+        applied = answers[-1].inputs
+        for _ in range(round(period / plant.step)):
+            plant.advance(applied)
+    return questions, answers
+
+
+def odd(questions: Sequence[PeriodQuestion], count: int, *, period: float, seed: int = 1) -> Iterator[PeriodQuestion]:
+    """Questions that a loop is not asked: jumps and gaps of time, late and repeated stamps, missing or wild numbers."""
+    random, time = np.random.default_rng(seed), 0.0
+    for k in range(count):
+        own = questions[k % len(questions)]
+        kind = random.integers(0, 24) if k % 3 == 0 else 23
+        time += {0: 0.0, 1: -2.0 * period, 2: 2.0, 3: 0.4, 4: 1e4}.get(int(kind), period)
+        outputs, applied, preview = own.outputs.copy(), own.applied.copy(), own.preview.copy()
+        if kind == 5:
+            outputs[:] = np.nan
+        for target, at in ((outputs, (6, 7)), (applied, (8, 9)), (preview, (10,))):
+            if kind in at:
+                target.flat[random.integers(target.size)] = random.choice(WILD)
+        if kind == 11:
+            outputs += random.normal(size=outputs.shape)
+        stamp = math.nan if kind == 12 else time
+        yield PeriodQuestion(stamp, outputs, applied, preview, kind == 13 or k == 0)
+
+
+def answers_of(loop: Stepped, questions: Sequence[PeriodQuestion], period: float) -> list[PeriodAnswer]:
+    """What a loop answers."""
+    found = []
+    for question in questions:
+        if question.anew:
+            loop.reset()
+        found.append(loop.step(*question[:4]))
+        loop.prepare(period)
+    return found
+
+
+def largest_difference(one: Sequence[PeriodAnswer], other: Sequence[PeriodAnswer]) -> dict[str, float]:
+    """The largest difference of each part, relative above 1; infinite where one is a number alone or has another
+    status.
+    """
+    found: dict[str, Any] = {}
+    for name in PeriodAnswer._fields[1:]:
+        a, b = (np.array([getattr(item, name) for item in items]) for items in (one, other))
+        same = (a == b) | (np.isnan(a) & np.isnan(b))
+        with np.errstate(invalid="ignore"):
+            apart = np.where(same, 0.0, np.abs(a - b) / np.maximum(np.abs(b), 1.0))
+        found[name] = float(np.max(np.where(np.isnan(apart), np.inf, apart), initial=0.0))
+    unlike = sum(a.status != b.status for a, b in zip(one, other, strict=True))
+    return found | {"status": math.inf if unlike else 0.0}

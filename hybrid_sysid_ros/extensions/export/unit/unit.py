@@ -1,0 +1,213 @@
+"""A loop as a C unit: its objects in Python, the translation of its kernels, and the texts of its files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hybrid_sysid_ros.control.mpc.horizon import PROGRESS as SOLUTION
+from hybrid_sysid_ros.control.mpc.horizon import new_instance
+from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
+from hybrid_sysid_ros.control.mpc.quadratic_program import SOFT, TOLERANCE
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.wrappers import Stabilised
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation.belief import CHANNEL, CORE, MOMENT, READING
+from hybrid_sysid_ros.extensions.export.c_source import Text
+from hybrid_sysid_ros.extensions.export.unit import loop_kernels as kernels
+from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout
+from hybrid_sysid_ros.extensions.export.unit.loop_kernels import PROGRESS, InitialStates, LoopNumbers, PrintedLoop
+from hybrid_sysid_ros.extensions.export.unit.printing import Printer, layout_of
+from hybrid_sysid_ros.extensions.export.unit.translator import Translator
+from hybrid_sysid_ros.extensions.export.unit.values import REAL, KnownValue, NumberValue, literal
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+UNIT_TEMPLATES = Path(__file__).parent / "c"
+RECORDS = [(CORE, "core"), (CHANNEL, "channel"), (MOMENT, "moment"), (READING, "reading")]
+RECORDS += [(SOLUTION, "solution"), (PROGRESS, "progress")]
+
+
+def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc) -> PrintedLoop:
+    """The objects of a loop, all of them as before its first measurement.
+
+    Raises UserError for what has no translation yet.
+    """
+    system, memory, tuning = estimator.system, estimator._memory, estimator.tuning
+    stabilised = isinstance(mpc.system, Stabilised)
+    if not stabilised and np.ptp(mpc.system.input_delays):
+        raise UserError(
+            "export: inputs with different delays, of which some wait for others, can't be printed as C yet"
+        )
+    if tuning.channels:
+        raise UserError(f"export: channel {next(iter(tuning.channels))} of the estimator can't be printed as C yet")
+    estimator.reset()
+    mpc.reset()
+    progress = np.zeros(1, PROGRESS)
+    progress["cold"], progress["last"] = 1, np.nan
+    _, instance = new_instance(system, mpc.problem)
+    followed, m = len(tuning.followed), len(system.inputs)
+    offsets = np.zeros((followed, m)) if estimator._offsets is None else np.array(estimator._offsets)
+    named = system.named
+    offset, by_outputs, by_inputs = affine_initial_states(system)
+    shooting = mpc.shooting
+    return PrintedLoop(
+        progress=progress,
+        settings=LoopNumbers(
+            period=float(estimator.period),
+            interval=float(mpc.period),
+            patience=int(tuning.patience),
+            real_time=bool(mpc.real_time),
+            tolerance=float(mpc._tolerance),
+            iterations=int(mpc.problem.max_iterations),
+        ),
+        initial=InitialStates(
+            offset=offset,
+            by_outputs=by_outputs,
+            by_inputs=by_inputs,
+            parameters=np.array([named[name] for name in tuning.followed]),
+            offsets=np.ascontiguousarray(offsets),
+        ),
+        memory=tuple(memory),
+        outputs=np.zeros(len(system.outputs)),
+        applied=np.zeros(m),
+        out=np.zeros(estimator._parts[-1]),
+        P=np.zeros((estimator._size, estimator._size)),
+        prediction=shooting.prediction,
+        horizon=shooting.horizon,
+        program=shooting.program,
+        instance=instance,
+        plan=np.zeros(m),
+        command=np.array([actuator.rest for actuator in rig.actuators]),
+        gains=np.array(mpc.system.gains) if isinstance(mpc.system, Stabilised) else np.zeros((0, len(system.states))),
+        low=np.array(rig.limits[0], dtype=float),
+        high=np.array(rig.limits[1], dtype=float),
+    )
+
+
+def affine_initial_states(system: System) -> tuple[Array, Array, Array]:
+    """Offset (n,) and derivatives (n, p), (n, m) of the initial states by the first outputs and inputs.
+
+    Raises UserError where they are no affine function.
+    """
+    p, m, of = len(system.outputs), len(system.inputs), system.record_map().states_from_record
+
+    def states(outputs: Array, inputs: Array) -> Array:
+        return of(outputs[None], np.zeros((1, p)), inputs[None])[0]
+
+    offset = states(np.zeros(p), np.zeros(m))
+    by_outputs = np.array([states(row, np.zeros(m)) - offset for row in np.eye(p)]).T.reshape(len(offset), p)
+    by_inputs = np.array([states(np.zeros(p), row) - offset for row in np.eye(m)]).T.reshape(len(offset), m)
+    random = np.random.default_rng(0)
+    for _ in range(8):
+        y, u = random.normal(size=p) * 10.0, random.normal(size=m) * 10.0
+        if not np.allclose(states(y, u), offset + by_outputs @ y + by_inputs @ u, rtol=1e-9, atol=1e-9):
+            raise UserError(f"export: the initial states of {type(system).__name__} are no affine map of its outputs")
+    return offset, np.ascontiguousarray(by_outputs), np.ascontiguousarray(by_inputs)
+
+
+def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single: bool) -> Printer:
+    """The kernels of a loop in C. arrays: those of the estimator, by name. single: numbers are floats."""
+    mutable: dict[str, set[str]] = {}
+    while True:
+        layout = layout_of(RECORDS, mutable)
+        _name_arrays(layout, loop, arrays)
+        translator = Translator(layout, rig, "f" if single else "", {})
+        translator.call(kernels.run_period, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
+        translator.call(kernels.look_forward, [KnownValue(loop), NumberValue(REAL, "elapsed")])  # type: ignore[arg-type]
+        translator.call(kernels.begin_again, [KnownValue(loop)])  # type: ignore[arg-type]
+        if not layout.complete:
+            continue
+        solver = ("hessian", "gradient", "rows", "lower", "upper", "states", "solution", "multipliers")
+        owned = (
+            *("outputs", "applied", "plan", "command", "instance", "P", "out"),
+            *(f"program_{name}" for name in solver),
+        )
+        for name in owned:
+            if name in layout.places:  # there may be no rows
+                layout.places[name].write()
+                layout.used.add(name)
+        return Printer(translator)
+
+
+def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Array]) -> None:
+    cores, channels, moments, readings, inputs = loop.memory
+    layout.add("progress", loop.progress)
+    for name in ("outputs", "applied", "plan", "command", "out", "P", "gains", "low", "high"):
+        layout.add(name, getattr(loop, name))
+    for name, value in (("core", cores), ("channels", channels), ("moments", moments), ("readings", readings)):
+        layout.add(name, value)
+    layout.add("past", inputs)
+    layout.add("instance", loop.instance.state)
+    layout.add("initial", loop.initial)
+    layout.add("belief", arrays)
+    layout.add("model", loop.prediction)
+    layout.add("horizon", loop.horizon)
+    layout.add("program", loop.program)
+
+
+def texts(
+    printer: Printer, loop: PrintedLoop, *, title: str, about: dict[str, str], soft: tuple[Array, Array] | None
+) -> dict[str, str]:
+    """The texts of NAME.h and NAME.c. soft: weights of soft constraints, square and linear."""
+    translator, rig, program, instance = printer.translator, printer.rig, loop.program, loop.instance
+    horizon, p = instance.preview.shape
+    n, m = len(instance.state), len(instance.previous)
+    functions = printer.functions()
+    beginnings, copies = printer.beginnings()
+    variables, rows = len(program.gradient), len(program.rows)
+    soft_tables, soft_lines = _soft(printer, soft)
+    values = {
+        "name": rig,
+        "NAME": rig.upper(),
+        "title": title,
+        "about": "\n".join(f" * {key}: {value}" for key, value in about.items()),
+        "real": "float" if translator.suffix else "double",
+        "states": n,
+        "inputs": m,
+        "outputs": p,
+        "horizon": horizon,
+        "preview": n + 2 * m,
+        "records": printer.records(),
+        "memory": printer.memory(),
+        "arena": _arena(variables, rows, int(np.sum(program.states & SOFT != 0))),
+        "structures": printer.structures(),
+        "tables": printer.tables(),
+        "functions": functions,
+        "beginnings": beginnings + soft_tables,
+        "copies": copies,
+        "variables": variables,
+        "constraints": variables + rows,
+        "rows": "    unit->problem.A = unit->program_rows;" if rows else "    unit->problem.A = NULL;",
+        "tolerance": literal(TOLERANCE, translator.suffix),
+        "soft": soft_lines,
+        "step": printer.entry(kernels.run_period, "measurement->time"),
+        "prepare": printer.entry(kernels.look_forward, "elapsed"),
+        "reset": printer.entry(kernels.begin_again, ""),
+    }
+    return {
+        f"{rig}{ending}": Text((UNIT_TEMPLATES / f"loop{ending}").read_text(encoding="utf-8")).substitute(values)
+        for ending in (".h", ".c")
+    }
+
+
+def _arena(variables: int, rows: int, soft: int) -> int:
+    """Numbers that the solver needs at most."""
+    wide, constraints = variables + soft + 1, variables + rows
+    iterates = 6 * wide + wide * (wide + 1) // 2 + 3 * variables
+    problem = variables * rows + 4 * constraints + rows + variables * (variables + 1) // 2 + variables
+    return iterates + problem + (4 * constraints if soft else 0) + 32
+
+
+def _soft(printer: Printer, soft: tuple[Array, Array] | None) -> tuple[str, str]:
+    """Constants and lines that set the weights of soft constraints."""
+    if soft is None:
+        return "", ""
+    names = [f"{printer.rig}_soft_{kind}" for kind in ("quadratic", "linear")]
+    tables = "\n".join(
+        printer.table(name, values).replace("static const", "static") for name, values in zip(names, soft, strict=True)
+    )
+    given = ", ".join(name for name in names for _ in range(2))
+    return tables, f"    daqp_set_soft_weights(&unit->workspace, {given});"
