@@ -232,20 +232,29 @@ def write(
     record: VideoRecord, rig: Rig, joint: str, bag: Path | None, out: Path, *, replace: bool, made_by: str
 ) -> None:
     """Write a bag: all topics of the other one, where there is one, and the camera's joint states beside them. These
-    have what other joints the bag has of the rig's outputs, and of an earlier film, too, between their samples.
+    have what other joints the bag has of the rig's outputs, and of an earlier film, too, between their samples, and end
+    where those of the outputs do: a model needs all of them.
 
-    Raises UserError where it can't be written.
+    Raises UserError where it can't be written, or where film and bag have no time in common.
     """
     topic = f"/{rig.namespace}/{CAMERA}/{MEASUREMENTS}"
     names, columns = [f"{joint}_{CAMERA}"], {"position": [record.positions], "velocity": [record.speeds]}
+    needed = {rig.joints.place(item.name) for item in rig.system.outputs}
+    whole = np.ones(len(record.stamps), dtype=bool)
     for name, fields in _others(record, rig, joint, bag):
         names.append(name)
         for field, values in columns.items():
             values.append(fields.get(field, np.full(len(record.stamps), np.nan)))
-    position, velocity = (np.column_stack(columns[field]) for field in ("position", "velocity"))
-    series = bags.joint_states(topic, record.stamps, names, position=position, velocity=velocity)
+        for field in fields:
+            whole &= np.isfinite(fields[field]) | ((name, field) not in needed)
+    if not whole.any():
+        raise UserError(f"{bag}: it has no samples while the film was taken: give the bag of that time")
+    known = slice(int(np.argmax(whole)), len(whole) - int(np.argmax(whole[::-1])))
+    stamps = record.stamps[known]
+    position, velocity = (np.column_stack(columns[field])[known] for field in ("position", "velocity"))
+    series = bags.joint_states(topic, stamps, names, position=position, velocity=velocity)
     with bags.BagWriter(out, replace=replace, notes={"made_by": made_by}) as writer:
-        seen = zip(record.stamps.tolist(), series.messages(), strict=True)
+        seen = zip(stamps.tolist(), series.messages(), strict=True)
         following = next(seen, None)
         if bag is not None:
             with opened(bag) as other:
