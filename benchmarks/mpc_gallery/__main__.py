@@ -1,4 +1,4 @@
-"""Problems of other solvers' documentation, solved from a cold start by the exact MPC and by IPOPT in the same run.
+"""Problems like those of other solvers' documentation, solved from a cold start by the exact MPC and by IPOPT.
 
 Both solve the same statement, IPOPT by multiple shooting from the same first guess. Times are those around the Python
 call of a cold start, the median of REPEATS.

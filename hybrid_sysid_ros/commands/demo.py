@@ -133,7 +133,7 @@ def demo(
             schedule,
             duration=schedule.duration,
             seed=seed,
-        ).cost(imitation.problem)
+        ).cost(imitation.problem, system)
         for controller in (imitation, ExactMpc(system, imitation.problem))
     ]
     section = report.closed_loop_section(loop, described)

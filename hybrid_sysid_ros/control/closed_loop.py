@@ -11,6 +11,8 @@ import numpy as np
 
 from hybrid_sysid_ros.control.controller import Controller, Status
 from hybrid_sysid_ros.control.problem import ControlProblem, stage_costs
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -77,11 +79,22 @@ class ClosedLoop:
         found: Array = np.sqrt(np.mean((self.outputs - self.references)[inside] ** 2, axis=0))
         return found
 
-    def cost(self, problem: ControlProblem) -> float:
-        """Sum of the stage costs by a problem that is sized, with the previous inputs 0 at the start."""
+    def cost(self, problem: ControlProblem, system: System | None = None) -> float:
+        """Sum of the stage costs by a problem that is sized, with the previous inputs 0 at the start.
+
+        system: the one of the problem, whose states are estimated, for its terms, which are those of the first stage;
+        without it the cost is without terms.
+        """
+        outputs = self.outputs
+        if system is not None and problem.terms:
+            staged, p = problem.outputs_of(system), outputs.shape[1]
+            rest = np.concatenate([problem.stage_values[0], np.zeros(self.inputs.shape[1])])
+            pairs = zip(self.estimates, self.inputs, strict=True)
+            terms = [output_of(staged, x, np.concatenate([u, rest]))[p:] for x, u in pairs]
+            outputs = np.hstack([outputs, np.array(terms)])
         costs = stage_costs(
             problem,
-            outputs=self.outputs,
+            outputs=outputs,
             references=self.references,
             inputs=self.inputs,
             previous=np.zeros(self.inputs.shape[1]),

@@ -95,8 +95,9 @@ def stage_costs(
 ) -> Array:
     """Cost (samples,) of each stage of a loop.
 
-    outputs and references (samples, p), inputs (samples, m), states (samples, n): each row one stage, see
-    :func:`stage_cost`. previous (m,): the inputs before the first row. The problem is sized.
+    outputs (samples, p), or with the terms behind them (samples, r), references (samples, p), inputs (samples, m),
+    states (samples, n): each row one stage, see :func:`stage_cost`. previous (m,): the inputs before the first row. The
+    problem is sized.
     """
     rows = [np.ascontiguousarray(part, dtype=float) for part in (outputs, references, inputs, previous, states)]
     costs = np.empty(len(rows[0]))
@@ -304,9 +305,15 @@ def _numbers(name: str, values: Any) -> Numbers:
 
 def _stage_parameters(given: Any, horizon: int) -> tuple[tuple[str, Numbers], ...]:
     """Names and values of the stage's parameters. Raises UserError for values that don't cover the horizon."""
-    pairs = given.items() if isinstance(given, Mapping) else given
-    found = []
+    pairs = list(given.items()) if isinstance(given, Mapping) else given
+    if not isinstance(pairs, list | tuple) or not all(
+        isinstance(pair, list | tuple) and len(pair) == 2 for pair in pairs
+    ):
+        raise UserError(f"mpc: stage_parameters is {given!r}; give names with values, such as {{limit: 1.0}}")
+    found: list[tuple[str, Numbers]] = []
     for name, values in pairs:
+        if str(name) in dict(found):
+            raise UserError(f"mpc: stage parameter {name} is there twice")
         sound = _numbers(f"stage parameter {name}", values)
         if not all(map(math.isfinite, sound)):
             raise UserError(f"mpc: stage parameter {name} is not finite")

@@ -15,13 +15,14 @@ from hybrid_sysid_ros.control import Controller, ControlProblem, MpcSolution, St
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, OutputReference
 from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem, shipped
+from hybrid_sysid_ros.runtime.configuration import controller_model, defaults, mpc_problem, shipped
 from hybrid_sysid_ros.runtime.configuration import parameters as parameters_of
 from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.runtime.parameters import check_rules, unknown
@@ -64,6 +65,8 @@ class Loop:
     """How often an input had each status."""
     problem: ControlProblem
     """The problem by whose stage cost the loop is judged."""
+    system: System
+    """The model of that problem."""
 
     @cached_property
     def cost(self) -> float:
@@ -74,7 +77,7 @@ class Loop:
             estimates=self.estimate,
             references=self.reference,
             inputs=self.inputs,
-        ).cost(self.problem)
+        ).cost(self.problem, self.system)
 
     @property
     def score(self) -> dict[str, float]:
@@ -191,6 +194,7 @@ def simulate(
         estimate=loop.estimates,
         statuses=loop.statuses,
         problem=problem,
+        system=controller_model(described, used.system),
     )
 
 

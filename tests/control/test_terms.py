@@ -10,6 +10,10 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop
+from hybrid_sysid_ros.control.mpc.horizon import new_instance
+from hybrid_sysid_ros.control.safety.supervisor import _allowed
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.two_inputs import PROBLEM, Arms, instance
 
@@ -109,11 +113,47 @@ def test_a_wrong_term_is_refused_by_its_name(term, said):
         ({"limit": float("inf")}, "limit is not finite"),
         ({"limit": "high"}, "it needs numbers"),
         ({"first": 1.0, "limit": 1.0}, "first has the name of something else"),
+        ([("limit", 1.0), ("limit", 2.0)], "limit is there twice"),
+        (3, "stage_parameters is 3; give names with values"),
+        (["limit"], "give names with values"),
     ],
 )
 def test_stage_parameters_that_do_not_fit_are_refused(values, said):
     with pytest.raises(UserError, match=said):
         declared(stage_parameters=values).sized(ARMS)
+
+
+def test_in_real_time_new_stage_parameters_count_at_once():
+    early, late = (ExactMpc(ARMS, declared(), real_time=True) for _ in range(2))
+    for mpc, order in ((early, "ap"), (late, "pa")):
+        mpc.control(*instance(0))
+        for part in order:
+            mpc.prepare(PROBLEM.period) if part == "p" else mpc.assign(limit=STAGE["limit"] - 0.05)
+    asked = instance(0)
+    np.testing.assert_array_equal(early.control(*asked).inputs, late.control(*asked).inputs)
+
+
+def test_a_plan_of_a_network_keeps_the_hard_bounds(solver):
+    @kernel
+    def allowed(prediction, horizon, asked, inputs):
+        return _allowed(prediction, horizon, asked, inputs)
+
+    inputs = np.zeros((PROBLEM.horizon, 2))
+    inputs[4] = np.sqrt(0.75)  # on the disc's edge, but for rounding
+    memory, (_, asked) = solver.shooting, new_instance(ARMS, declared().sized(ARMS))
+    assert allowed(memory.prediction, memory.horizon, asked, inputs)
+    inputs[4] += 1e-6
+    assert not allowed(memory.prediction, memory.horizon, asked, inputs)
+
+
+def test_the_cost_of_a_loop_has_the_terms_of_its_stages():
+    problem, states = declared().sized(ARMS), np.array([[0.1, 0.2, 0.5, -0.4], [0.0, 0.1, 0.2, 0.3]])
+    inputs, none = np.array([[0.4, 0.1], [0.2, -0.3]]), np.zeros((2, 2))
+    loop = ClosedLoop(time=np.array([0.0, 0.1]), outputs=none, estimates=states, references=none, inputs=inputs)
+    first, rates = states[:, 0], states[:, 2:]
+    beyond = np.maximum(np.cos(first) - 0.95, 0.0)
+    terms = np.sum(0.5 * np.sum(inputs * rates, axis=1) + (5.0 + 50.0 * beyond) * beyond)
+    assert loop.cost(problem, ARMS) - loop.cost(problem) == pytest.approx(terms)
 
 
 def test_an_unknown_stage_parameter_is_refused_later_too(solver):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import clamp_inputs
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, instance_of
-from hybrid_sysid_ros.control.mpc.linearisation import assign
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult
 from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, answer, follow, plan_within, shift_trajectory
@@ -185,8 +185,7 @@ def _advance(
 @inner
 def _start(horizon: Horizon, instance: Instance, inputs: Array) -> None:
     """Take inputs (N, m) as the last plan; the solver finds their states."""
-    for i in range(inputs.shape[0]):
-        assign(horizon.inputs[i], inputs[i])
+    assign_rows(inputs, horizon.inputs)
     clamp_inputs(horizon, instance.previous, horizon.inputs)
     for i in range(horizon.states.shape[0]):
         assign(horizon.states[i], instance.state)
@@ -219,10 +218,8 @@ def _answer(
         assign(horizon.states[0], instance.state)
     if found.iterations == 0:
         plan_within(horizon, instance)
-    for i in range(horizon.inputs.shape[0]):
-        assign(answers.inputs[row, i], horizon.planned[i])
-    for i in range(horizon.states.shape[0]):
-        assign(answers.states[row, i], horizon.states[i])
+    assign_rows(horizon.planned, answers.inputs[row])
+    assign_rows(horizon.states, answers.states[row])
     answers.solved[row] = found.solved
     answers.iterations[row] = found.iterations
     answers.residuals[row] = found.residual

@@ -16,6 +16,13 @@ def assign(target: Array, values: Array) -> None:
 
 
 @inner
+def assign_rows(values: Array, target: Array) -> None:
+    """Copy rows of values."""
+    for i in range(values.shape[0]):
+        assign(target[i], values[i])
+
+
+@inner
 def advance_interval(prediction: PredictionModel, x: Array, drive: Array, following: Array) -> None:
     """Advance x (n,) by one interval, in the exact form."""
     p, w = prediction.parameters, prediction.network

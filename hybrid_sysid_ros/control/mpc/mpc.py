@@ -97,6 +97,8 @@ class ExactMpc:
         or don't cover the horizon.
         """
         self.problem.assign(self._shooting.prediction.stage, values)
+        if self._prepared:
+            self._prepare_program()
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
         """Take another controller's plan as the last one: inputs (N, m) and their states (N + 1, n) under an input
@@ -113,8 +115,12 @@ class ExactMpc:
         mpc = self._shooting
         shift(mpc.prediction, mpc.horizon, min(elapsed / self.period, 1.0))
         if self.real_time:
-            prepare_program(mpc.prediction, mpc.horizon, mpc.program)
-            self._prepared = factorise(mpc.program)
+            self._prepare_program()
+
+    def _prepare_program(self) -> None:
+        mpc = self._shooting
+        prepare_program(mpc.prediction, mpc.horizon, mpc.program)
+        self._prepared = factorise(mpc.program)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`.
@@ -153,8 +159,8 @@ class ExactMpc:
         """
         mpc = self._shooting
         if not self._prepared:
-            prepare_program(mpc.prediction, mpc.horizon, mpc.program)
-            if not factorise(mpc.program):
+            self._prepare_program()
+            if not self._prepared:
                 return None
         self._prepared = False
         self._instance.assign(state, disturbance, previous_input, preview)

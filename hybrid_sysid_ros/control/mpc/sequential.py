@@ -25,11 +25,10 @@ from hybrid_sysid_ros.control.mpc.curvature import (
     update_curvature,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
-from hybrid_sysid_ros.control.mpc.linearisation import assign, keep_hard, linearise
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, keep_hard, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
-from hybrid_sysid_ros.support.arrays import Array
 
 HALVINGS = 8
 """Most halvings of a step in search of a cost that is not higher."""
@@ -146,7 +145,7 @@ def _search(
     """Make the step of a solution, halved until the cost is not higher, and linearise there; return the new cost."""
     length, hard = 1.0, horizon.limits.hard.any()
     if hard:
-        _copy_inputs(horizon.inputs, horizon.step.inputs)
+        assign_rows(horizon.inputs, horizon.step.inputs)
     _step(horizon, program, 1.0)
     for halving in range(HALVINGS + 1):
         if hard:
@@ -158,7 +157,7 @@ def _search(
         if halving < HALVINGS:
             length *= 0.5
             if hard:
-                _copy_inputs(horizon.step.inputs, horizon.inputs)
+                assign_rows(horizon.step.inputs, horizon.inputs)
             _step(horizon, program, length if hard else -length)
         if first and halving == 1 and prediction.smoothing > 0.0:
             _step(horizon, program, -length)
@@ -177,12 +176,6 @@ def _coarse_step(prediction: PredictionModel, horizon: Horizon, program: Program
     quadratic.keep_working_set(program)
     _step(horizon, program, 1.0)
     return 1.0
-
-
-@inner
-def _copy_inputs(values: Array, target: Array) -> None:
-    for i in range(values.shape[0]):
-        assign(target[i], values[i])
 
 
 @inner

@@ -21,7 +21,14 @@ from hybrid_sysid_ros.control.mpc.condensing import (
     expand,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_horizon, prediction
-from hybrid_sysid_ros.control.mpc.linearisation import advance_interval, assign, keep_hard, linearise, set_stage
+from hybrid_sysid_ros.control.mpc.linearisation import (
+    advance_interval,
+    assign,
+    assign_rows,
+    keep_hard,
+    linearise,
+    set_stage,
+)
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
 from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights, excess, stage_cost
@@ -264,8 +271,8 @@ def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, co
         instance.previous[j] = min(max(instance.previous[j], horizon.limits.low[j]), horizon.limits.high[j])
     if cold:
         cold_start(prediction, horizon, instance)
-    _copy(horizon.states, horizon.last.states)
-    _copy(horizon.inputs, horizon.last.inputs)
+    assign_rows(horizon.states, horizon.last.states)
+    assign_rows(horizon.inputs, horizon.last.inputs)
     assign(horizon.last.disturbance, horizon.disturbance)
     return True
 
@@ -279,7 +286,7 @@ def plan(horizon: Horizon, instance: Instance) -> None:
 @inner
 def plan_within(horizon: Horizon, instance: Instance) -> None:
     """Write the plan: inputs of the trajectory within all limits after the previous input."""
-    _copy(horizon.inputs, horizon.planned)
+    assign_rows(horizon.inputs, horizon.planned)
     clamp_inputs(horizon, instance.previous, horizon.planned)
 
 
@@ -292,16 +299,10 @@ def restore(horizon: Horizon, program: Program) -> None:
 @inner
 def restore_trajectory(horizon: Horizon, program: Program) -> None:
     """Restore the trajectory before a solution, and forget the multipliers that were found."""
-    _copy(horizon.last.states, horizon.states)
-    _copy(horizon.last.inputs, horizon.inputs)
+    assign_rows(horizon.last.states, horizon.states)
+    assign_rows(horizon.last.inputs, horizon.inputs)
     assign(horizon.disturbance, horizon.last.disturbance)
     quadratic.clear_working_set(program)
-
-
-@inner
-def _copy(values: Array, target: Array) -> None:
-    for i in range(values.shape[0]):
-        assign(target[i], values[i])
 
 
 @inner

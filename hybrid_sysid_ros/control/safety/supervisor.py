@@ -15,10 +15,12 @@ import numpy as np
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_instance
+from hybrid_sysid_ros.control.mpc.linearisation import set_stage
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import follow
 from hybrid_sysid_ros.control.policy.kernels import Packed, inside, network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
@@ -93,7 +95,7 @@ def check(
             return DISTURBED
     if not inside(sizes, numbers, flat):
         return OUT_OF_RANGE
-    if not _bounded(instance, horizon, inputs):
+    if not _bounded(instance, horizon, inputs) or not _allowed(prediction, horizon, instance, inputs):
         return INFEASIBLE
     weights = horizon.weights
     shifted_cost, _ = follow(prediction, weights, instance, horizon.inputs, states)
@@ -117,6 +119,35 @@ def _bounded(instance: Instance, horizon: Horizon, inputs: Array) -> bool:
             if not (low - INPUT_ROUNDING <= u <= high + INPUT_ROUNDING and abs(u - before) <= rate):
                 return False
             before = u
+    return True
+
+
+@inner
+def _allowed(prediction: PredictionModel, horizon: Horizon, instance: Instance, inputs: Array) -> bool:
+    """Whether inputs keep the bounds of terms that hold without exception, for which the states don't matter."""
+    limits, weights, drive = horizon.limits, horizon.weights, horizon.work.drive
+    values, hard = np.empty(weights.outputs.shape[1]), False
+    for r in range(limits.hard.shape[0]):
+        hard = hard or limits.hard[r]
+    for i in range(inputs.shape[0] if hard else 0):
+        for j in range(inputs.shape[1]):
+            drive[j] = inputs[i, j] + instance.disturbance[j]
+        set_stage(prediction, i, instance.disturbance, drive)
+        call_value(
+            prediction.output,
+            instance.state,
+            drive,
+            prediction.parameters,
+            prediction.network,
+            prediction.h,
+            0.0,
+            values,
+        )
+        for r in range(limits.values.shape[0]):
+            k = limits.values[r]
+            beyond = max(values[k] - weights.value_high[i, k], weights.value_low[i, k] - values[k])
+            if limits.hard[r] and not beyond <= INPUT_ROUNDING:
+                return False
     return True
 
 
