@@ -264,5 +264,5 @@ def _ahead_table(ahead: Mapping[str, Sequence[PredictionErrors]], rig: Rig) -> T
             held = "closed by the stabiliser" if row.closed else "open"
             each = (row.scores.outputs or {rig.system.outputs[0].name: row.scores}).values()
             errors = (f"{float(display.shown(one.rmse)):.4g}" for one, display in zip(each, rig.display, strict=True))
-            table.add_row(record, f"{row.seconds:g} s", held, *errors)
+            table.add_row(record, f"{row.seconds:.3g} s", held, *errors)
     return table

@@ -67,13 +67,17 @@ def check_sampling(sampling: Sampling, name: str) -> None:
         )
 
 
-def held_inputs(experiment: PreparedRecord, stabiliser: Array) -> Array:
-    """The inputs v = u + K y of a record, (steps, inputs), for a simulation with the stabiliser u = v - K y.
+def held_inputs(system: System, experiment: PreparedRecord, stabiliser: Array) -> Array:
+    """The inputs v = u + K y of a record, (steps, inputs), for a simulation with the stabiliser u = v - K y, whose
+    states act at once: y is taken a delay later, when u acts.
 
     Raises UserError where there are not outputs at each step.
     """
     check_sampling(experiment.sampling, experiment.name)
-    return np.asarray(experiment.inputs + experiment.outputs[:-1] @ stabiliser.T)
+    fed, steps = experiment.outputs @ stabiliser.T, np.arange(experiment.samples)
+    delays = system.input_delays / experiment.sampling.step
+    late = [np.interp(steps[:-1] + delay, steps, part) for delay, part in zip(delays, fed.T, strict=True)]
+    return experiment.inputs + np.column_stack(late)
 
 
 def settled(
@@ -171,7 +175,7 @@ class MultipleShootingProblem(FitProblem):
 
     def simulated(self, system: System, starts: Starts, initial: Array) -> tuple[Array, Array]:
         """States and outputs of whole records with the stabiliser, since states that no record shows would diverge."""
-        held = np.concatenate([held_inputs(item, self._stabiliser) for item in self.experiments])
+        held = np.concatenate([held_inputs(system, item, self._stabiliser) for item in self.experiments])
         given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}
         return rollouts(system, starts, initial, held, **given, feedback=feedback_of(system, self._stabiliser))
 
@@ -193,7 +197,7 @@ class MultipleShootingProblem(FitProblem):
         if horizon is not None and horizon <= self._open:
             return starts, states, outputs, self.inputs, given
         given["feedback"] = feedback_of(self.system, self._stabiliser)
-        held = np.concatenate([held_inputs(item, self._stabiliser) for item in self.experiments])
+        held = np.concatenate([held_inputs(self.system, item, self._stabiliser) for item in self.experiments])
         return starts, states, outputs, held, given
 
     def residuals(self, horizon: int | None) -> Residuals:

@@ -229,7 +229,7 @@ def tested(
                     raise
                 last = predictions(model.system, experiment, windows)[-1]
                 scores, held = last.scores, ", held by the stabiliser" if last.closed else ""
-                ahead = f"{last.seconds:g} s ahead{held}"
+                ahead = f"{last.seconds:.3g} s ahead{held}"
             each = scores.outputs or {names[0]: scores}
             shown = zip(names, setup.rig.display, strict=True)
             found[called][record.name] = {name: float(display.shown(each[name].rmse)) for name, display in shown}

@@ -72,16 +72,17 @@ def predictions(
 
     Each begins in the state that fits the preceding PAST seconds best (states that no output shows come from the run
     with the stabiliser), and uses only the inputs after that; in closed loop these contain the stabiliser's answer to
-    measurement noise. A prediction begins every APART seconds. Without windows the rig has no stabiliser: all times are
-    counted in samples then, of which 20 are a second, and the preceding samples decide all states.
+    measurement noise. A prediction begins every APART seconds. Where an error grows by e in less than a second, that
+    time stands for a second. Without windows the rig has no stabiliser: all times are counted in samples then, of which
+    20 are a second, and the preceding samples decide all states.
 
     Raises UserError for a stabiliser that does not fit the record's sampling.
     """
     sampling, n = experiment.sampling, len(system.declared_states)
-    second = sampling.period * SECOND if windows is None else 1.0
+    second = sampling.period * SECOND if windows is None else 1.0 / max(fastest_growth(system), 1.0)
     past, stride = round(PAST * second / sampling.period), max(round(APART * second / sampling.period), 1)
     if ahead is None:
-        ahead = AHEAD if windows else [(seconds * second, False) for seconds, _ in AHEAD]
+        ahead = [(seconds * second, closed and windows is not None) for seconds, closed in AHEAD]
     hidden = [*system.record_map().unobserved, *range(n, len(system.states))]
     free, initial = [k for k in range(n) if k not in hidden], experiment.states.copy()
     if windows is None:
@@ -110,7 +111,7 @@ def predictions(
         then = np.array([[0, (b + past) * sampling.every, length + 1, k * (length + 1)] for k, b in enumerate(begins)])
         inputs, options = experiment.inputs, dict(given)
         if closed and windows:
-            inputs = held_inputs(experiment, windows.stabiliser)
+            inputs = held_inputs(system, experiment, windows.stabiliser)
             options["feedback"] = feedback_of(system, windows.stabiliser)
         _, outputs = rollouts(system, then, from_here, inputs, **options)
         simulated, measured = outputs[then[:, 3] + length], experiment.outputs[begins + past + length]
@@ -148,5 +149,5 @@ def stabilised_run(system: System, experiment: PreparedRecord, stabiliser: Array
     sampling = experiment.sampling
     starts = np.array([[0, 0, experiment.samples, 0]])
     first = initial_state(system, experiment)[None]
-    inputs, feedback = held_inputs(experiment, stabiliser), feedback_of(system, stabiliser)
+    inputs, feedback = held_inputs(system, experiment, stabiliser), feedback_of(system, stabiliser)
     return rollouts(system, starts, first, inputs, step=sampling.step, every=sampling.every, feedback=feedback)
