@@ -49,6 +49,7 @@ PICTURES = (
     Picture(rig="wheel_motor", reference="moves", start=4.0, stop=13.0, outputs=("speed",)),
     Picture(rig="drill_string", reference="moves", start=0.0, stop=23.0, outputs=("bit_speed",)),
     Picture(rig="winged_cone", reference="manoeuvres", start=0.0, stop=90.0, outputs=("speed", "height")),
+    Picture(rig="balancing_robot", reference="moves", start=0.0, stop=20.0, outputs=("speed", "yaw")),
 )
 
 
