@@ -6,6 +6,7 @@ call of a cold start, the median of REPEATS.
 
 from __future__ import annotations
 
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -13,13 +14,14 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.mpc_gallery import mechanics, processes
+from benchmarks.mpc_gallery import mechanics, picture, processes
 from benchmarks.mpc_gallery.case import Case
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, MpcSolution, Status
 from hybrid_sysid_ros.support.arrays import Array
 
 NAME = "mpc_gallery"
+PICTURE = Path(__file__).parents[2] / "docs" / "results" / "mpc_gallery.svg"
 CASES = {**mechanics.CASES, **processes.CASES}
 REPEATS = 15
 CLOSE = 1e-6
@@ -37,15 +39,15 @@ def timed(solver: Any, case: Case, repeats: int) -> tuple[MpcSolution, Array]:
     return plan, np.array(times[1:])
 
 
-def compared(case: Case, repeats: int = REPEATS) -> dict[str, Any]:
-    """Both solvers on one case. The costs are those of the simulated plans."""
+def compared(case: Case, repeats: int = REPEATS) -> tuple[dict[str, Any], tuple[Case, Array]]:
+    """Both solvers on one case, whose costs are those of the simulated plans; and its states (N + 1, n)."""
     from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
 
     exact, peer = ExactMpc(case.system, case.problem), InteriorPointMpc(case.system, case.problem, tolerance=1e-10)
     plan, times = timed(exact, case, repeats)
     answer, others = timed(peer, case, repeats)
     cost, best = (exact.follow(found.inputs)[0] for found in (plan, answer))
-    return {
+    figures = {
         "status": plan.status.value,
         "ipopt_status": answer.status.value,
         "iterations": exact.iterations,
@@ -55,14 +57,17 @@ def compared(case: Case, repeats: int = REPEATS) -> dict[str, Any]:
         "milliseconds": result.percentiles(1e3 * times),
         "ipopt_milliseconds": result.percentiles(1e3 * others),
     }
+    return figures, (case, exact.follow(plan.inputs)[1])
 
 
 def main() -> int:
     """Run, print a table, write the results."""
     shown = Table("problem", "answer", "cost", "above IPOPT's", "steps", "p50", "IPOPT's p50", title="cold starts [ms]")
-    results, machine = {}, result.machine()
+    results, machine, answers = {}, result.machine(), {}
     for name, make in CASES.items():
-        found = results[name] = compared(make())
+        case = make()
+        found, answers[name] = compared(case)
+        results[name] = found
         shown.add_row(
             name.replace("_", " "),
             found["status"],
@@ -72,6 +77,7 @@ def main() -> int:
             f"{found['milliseconds']['p50']:.2f}",
             f"{found['ipopt_milliseconds']['p50']:.2f}",
         )
+    print(picture.draw(PICTURE, answers))
     short = [name for name, found in results.items() if not same(found) or slower(found)]
     print_table(shown)
     print(f"short: {', '.join(short) or 'none'}")

@@ -25,6 +25,8 @@ class Case:
     """Reference of the outputs over the whole horizon, (p,)."""
     previous: Numbers = (0.0,)
     """Inputs before the first interval, (m,)."""
+    drawn: tuple[str, str] = ("", "")
+    """Variables of the picture's axes, to the right and up; "" to the right: time."""
 
     @property
     def instance(self) -> tuple[Array, Array, Array, Array]:

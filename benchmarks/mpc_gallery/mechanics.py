@@ -1,4 +1,4 @@
-"""Mechanical problems: a swing-up, a chain, cars, a disc of thrust, an obstacle that moves, masses on springs."""
+"""Mechanical problems: a swing-up, a chain, cars, a disc of thrust, an obstacle that moves, masses, a kite."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.mpc_gallery.case import Case
 from hybrid_sysid_ros.control import ControlProblem, StageTerm
 from hybrid_sysid_ros.core import RungeKutta, System
-from hybrid_sysid_ros.core.mathematics import Scalar, cos, sin, sqrt
+from hybrid_sysid_ros.core.mathematics import Scalar, cos, maximum, sin, sqrt
 
 Values = Sequence[Scalar]
 
@@ -46,7 +46,13 @@ def swing_up() -> Case:
         input_high=(80.0,),
         max_iterations=500,
     )
-    return Case(source="acados, getting started", system=CartPendulum(), problem=problem, state=(0.0, np.pi, 0.0, 0.0))
+    return Case(
+        source="acados, getting started",
+        system=CartPendulum(),
+        problem=problem,
+        state=(0.0, np.pi, 0.0, 0.0),
+        drawn=("", "angle"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +99,14 @@ def chain() -> Case:
     )
     start = (0.3, 0.05, -0.3, 0.6, 0.1, -0.3, 0.8, 0.3, 0.1, *[0.0] * 6)
     target = (1.0, 0.0, 0.0, *[0.0] * 6)
-    return Case(source="acados, chain of masses", system=Chain(), problem=problem, state=start, target=target)
+    return Case(
+        source="acados, chain of masses",
+        system=Chain(),
+        problem=problem,
+        state=start,
+        target=target,
+        drawn=("p3_x", "p3_y"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +149,11 @@ def race_car() -> Case:
         max_iterations=300,
     )
     return Case(
-        source="modelled on acados, race cars", system=RaceCar(), problem=problem, state=(0.0, 0.0, 0.0, 1.0, 0.3, 0.0)
+        source="modelled on acados, race cars",
+        system=RaceCar(),
+        problem=problem,
+        state=(0.0, 0.0, 0.0, 1.0, 0.3, 0.0),
+        drawn=("s", "n"),
     )
 
 
@@ -177,6 +194,7 @@ def moving_obstacle() -> Case:
         problem=problem,
         state=(0.0, 0.0, 0.0, 1.0, 0.0),
         target=(3.5, 0.0, 0.0),
+        drawn=("x", "y"),
     )
 
 
@@ -213,6 +231,7 @@ def thrust_disc() -> Case:
         system=Hovercraft(),
         problem=problem,
         state=(1.0, -0.6, 0.0, 0.5),
+        drawn=("x", "y"),
     )
 
 
@@ -243,8 +262,57 @@ def masses() -> Case:
         state_high=(4.0,),
         soft_linear=(10.0,),
     )
-    return Case(source="do-mpc, oscillating masses", system=Masses(), problem=problem, state=(2.5, 1.0, -2.0, 0.5))
+    return Case(
+        source="do-mpc, oscillating masses",
+        system=Masses(),
+        problem=problem,
+        state=(2.5, 1.0, -2.0, 0.5),
+        drawn=("", "first"),
+    )
 
 
-CASES = {item.__name__: item for item in (swing_up, chain, race_car, moving_obstacle, thrust_disc, masses)}
+@dataclass(frozen=True, kw_only=True)
+class Kite(System):
+    """A kite on 400 m of rope in 10 m/s of wind; steering costs some of its glide ratio of 6."""
+
+    states = ("polar [rad]", "azimuth [rad]", "heading [rad]")
+    inputs = ("steering [1]",)
+    outputs = ("polar", "azimuth")
+    stepper = RungeKutta()
+
+    def law(self, x: Values, u: Values) -> Values:
+        glide = 6.0 - 0.028 * u[0] ** 2
+        rate = 10.0 * glide * cos(x[0]) / 400.0
+        turn = -rate / maximum(sin(x[0]), 0.01) * sin(x[2])
+        return rate * (cos(x[2]) - sin(x[0]) / cos(x[0]) / glide), turn, rate * u[0] + turn * cos(x[0])
+
+
+def kite() -> Case:
+    """As much pull as possible, above 100 m (softly)."""
+    glide = "(6 - 0.028 * steering**2)"
+    pull = f"cos(polar)**3 * ({glide} + 1) * sqrt({glide}**2 + 1)"
+    problem = ControlProblem(
+        horizon=40,
+        period=0.15,
+        substeps=1,
+        output_weights=(0.0,),
+        rate_weights=(1e-2,),
+        input_low=(-10.0,),
+        input_high=(10.0,),
+        terms=(
+            StageTerm(name="pull", value=pull, price=-0.1),
+            StageTerm(name="height", value="sin(polar) * cos(azimuth)", low=0.25, soft_linear=100.0),
+        ),
+        max_iterations=300,
+    )
+    return Case(
+        source="modelled on do-mpc, towing kite",
+        system=Kite(),
+        problem=problem,
+        state=(0.6, 0.2, 0.3),
+        drawn=("azimuth", "polar"),
+    )
+
+
+CASES = {item.__name__: item for item in (swing_up, chain, race_car, moving_obstacle, thrust_disc, masses, kite)}
 """What makes each case, by its name."""

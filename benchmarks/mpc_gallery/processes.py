@@ -62,6 +62,7 @@ def reactor() -> Case:
         state=start,
         target=(0.6,),
         previous=(0.2, -4.0),
+        drawn=("", "b"),
     )
 
 
@@ -91,6 +92,7 @@ def earning_reactor() -> Case:
         problem=problem,
         state=(0.8, 0.5, 134.14, 130.0),
         previous=(0.2, -4.0),
+        drawn=("", "reactor"),
     )
 
 
@@ -131,7 +133,13 @@ def fermenter() -> Case:
         terms=(StageTerm(name="harvest", value="product", price=-1.0),),
         max_iterations=300,
     )
-    return Case(source="do-mpc, batch bioreactor", system=Fermenter(), problem=problem, state=(1.0, 0.5, 0.0, 120.0))
+    return Case(
+        source="do-mpc, batch bioreactor",
+        system=Fermenter(),
+        problem=problem,
+        state=(1.0, 0.5, 0.0, 120.0),
+        drawn=("", "product"),
+    )
 
 
 CASES = {item.__name__: item for item in (reactor, earning_reactor, fermenter)}

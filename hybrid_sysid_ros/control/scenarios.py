@@ -36,6 +36,8 @@ class SteadyMotion(NamedTuple):
 
     state: Array
     """(n,)."""
+    inputs: Array
+    """(m,)."""
     output_map: Array
     """C (tracked, n), derivative of the tracked outputs by the states there."""
 
@@ -57,7 +59,7 @@ def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> St
         unknown[declared : len(names)] = 0.0
         sharp, _ = _steady(system, replace(problem, smoothing=rounding), wanted, unknown)
         unknown = sharp if np.isfinite(sharp).all() else unknown
-    return SteadyMotion(unknown[: len(names)], found)
+    return SteadyMotion(unknown[: len(names)], unknown[len(names) : len(names) + len(system.inputs)], found)
 
 
 def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Array) -> tuple[Array, Array]:

@@ -6,7 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from hybrid_sysid_ros.control import Controller, ExactMpc
+from hybrid_sysid_ros.control.terminal_cost import riccati_terms
 from hybrid_sysid_ros.control.terms import terms_of
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
@@ -22,6 +26,7 @@ def mpc(
     *,
     terms: Mapping[str, Any] | None = None,
     stage_parameters: Mapping[str, Any] | None = None,
+    riccati_at: ArrayLike | None = None,
     parameters: Mapping[str, Any] | None = None,
     solver: str = "exact",
 ) -> Controller:
@@ -31,8 +36,10 @@ def mpc(
     square, price, low and high, hard or soft_linear and soft_quadratic, final. A formula has names of states, inputs,
     outputs, of the model's parameters and of stage_parameters, in SI units. stage_parameters: their values, one or one
     for each stage; ``assign(name=values)`` of the controller changes them. Terms are added to those of the section mpc
-    in the rig's file, and replace those of the same name. parameters: of the node controller, such as {"horizon": 10,
-    "output_weight": 4.0, "real_time": True}. solver: "exact", or "ipopt", the slow reference.
+    in the rig's file, and replace those of the same name. riccati_at: outputs (p,) in SI units about which the cost of
+    all time after the horizon is added at its end. parameters: of the node controller, such as {"horizon": 10,
+    "output_weight": 4.0, "input_rate": 40.0, "real_time": True}; rates are per second. solver: "exact", or "ipopt", the
+    slow reference.
 
     Give it to :func:`simulate` as controller, or call ``control(state, disturbance, previous_input, preview)``. Raises
     UserError for a formula that can't be evaluated, a hard bound on states, and values that don't cover the horizon.
@@ -52,6 +59,9 @@ def mpc(
             terms=tuple(own.values()),
             stage_parameters=tuple((dict(problem.stage_parameters) | stage).items()),
         ).sized(system)
+    if riccati_at is not None:
+        last = riccati_terms(system, problem, np.atleast_1d(arguments.array_of(riccati_at, "riccati_at")))
+        problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
     if solver == "exact":
         return wrap_for_rig(described, system, ExactMpc(system, problem, real_time=values["real_time"]))
     made: Controller = extensions.one("solvers", "ipopt")(system, problem)

@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 PAGE = Path(__file__).parents[2] / "docs" / "guides" / "mpc.md"
 
 
@@ -13,4 +15,5 @@ def test_the_blocks_of_the_guide_run_in_turn():
         exec(compile(block, str(PAGE), "exec"), known)
     assert known["answers"].solved.all()
     assert known["near"].solved.all()
+    assert np.abs(known["plan"].inputs - known["point"].inputs).max() < 1e-3
     assert known["near"].iterations.mean() < known["answers"].iterations.mean()

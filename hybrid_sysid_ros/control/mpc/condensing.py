@@ -186,6 +186,32 @@ def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off
 
 
 @inner
+def correct_bounds(horizon: Horizon, program: Program) -> bool:
+    """Set the bounds of states and values to what is left of them at the end of the program's step, where the model was
+    simulated, as if it were linear; False where none of them is active.
+    """
+    count, v, limits, weights = horizon.inputs.shape[0], program.gradient.shape[0], horizon.limits, horizon.weights
+    rows, first = pointer(program.rows), limits.rated.shape[0]
+    states, values = limits.bounded.shape[0], limits.values.shape[0]
+    active = False
+    for r in range(states + values):
+        for i in range(count):
+            row = (first + r) * count + i
+            active = active or program.multipliers[v + row] != 0.0
+            if r < states:
+                a = limits.bounded[r]
+                found, low, high = horizon.states[i + 1, a], weights.low[a], weights.high[a]
+            else:
+                k = limits.values[r - states]
+                found, low, high = horizon.linear.outputs[i, k], weights.value_low[i, k], weights.value_high[i, k]
+            for c in range(v):
+                found -= rows[row * v + c] * program.solution[c]
+            program.lower[v + row] = max(low - found, -NO_BOUND)
+            program.upper[v + row] = min(high - found, NO_BOUND)
+    return active
+
+
+@inner
 def _bound_input(horizon: Horizon, program: Program, i: int, j: int, change: float) -> None:
     """Set the bounds of one input and its change, and their parts of the gradient."""
     count, m = horizon.inputs.shape

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import (
     clamp_inputs,
     condense,
+    correct_bounds,
     cost_of,
     evaluate_program,
     find_adjoint,
@@ -29,6 +32,14 @@ from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, keep
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.support.arrays import Array
+
+RISE = 1e-9
+"""Share of the cost by which a step may raise it: rounding."""
+
+SMALL = 0.2
+"""Largest correction of a step for bounds that bend, in steps: where it is larger, the iterate is far from a solution.
+"""
 
 HALVINGS = 8
 """Most halvings of a step in search of a cost that is not higher."""
@@ -152,7 +163,14 @@ def _search(
             keep_hard(prediction, horizon)
         linearise(prediction, horizon, prediction.smoothing, True)
         found = cost_of(horizon, instance)
-        if found <= cost + 1e-9 * abs(cost):
+        if found <= cost + RISE * abs(cost):
+            break
+        if (
+            halving == 0
+            and correct_bounds(horizon, program)
+            and _corrected(prediction, horizon, program, instance, cost)
+        ):
+            found = cost_of(horizon, instance)
             break
         if halving < HALVINGS:
             length *= 0.5
@@ -163,6 +181,39 @@ def _search(
             _step(horizon, program, -length)
             length = _coarse_step(prediction, horizon, program, instance)
     return found
+
+
+@inner
+def _corrected(
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float
+) -> bool:
+    """Replace the step by one for the bounds that were found at its end; False where that costs more, too, or leads
+    elsewhere: then the step is as before. Nocedal & Wright (2006), section 15.6: without this correction the price of
+    bounds that bend shortens all steps along them (Maratos).
+    """
+    v = program.solution.shape[0]
+    step, multipliers = np.empty(v), np.empty(program.multipliers.shape[0])
+    assign(step, program.solution)
+    assign(multipliers, program.multipliers)
+    sound = quadratic.solve(program, GRADIENT | BOUNDS | STATES)
+    size = change = 0.0
+    for c in range(v):
+        size += step[c] * step[c]
+        change += (program.solution[c] - step[c]) * (program.solution[c] - step[c])
+    if sound and change <= SMALL * SMALL * size:
+        _step(horizon, program, 1.0)
+        _move(horizon, step, -1.0)
+        if horizon.limits.hard.any():
+            keep_hard(prediction, horizon)
+        linearise(prediction, horizon, prediction.smoothing, True)
+        if cost_of(horizon, instance) <= cost + RISE * abs(cost):
+            quadratic.keep_working_set(program)
+            return True
+        _step(horizon, program, -1.0)
+        _move(horizon, step, 1.0)
+    assign(program.solution, step)
+    assign(program.multipliers, multipliers)
+    return False
 
 
 @inner
@@ -180,8 +231,14 @@ def _coarse_step(prediction: PredictionModel, horizon: Horizon, program: Program
 
 @inner
 def _step(horizon: Horizon, program: Program, length: float) -> None:
-    """Move the inputs along a step."""
+    """Move the inputs along the solution."""
+    _move(horizon, program.solution, length)
+
+
+@inner
+def _move(horizon: Horizon, step: Array, length: float) -> None:
+    """Move the inputs along a step (v,)."""
     count, m = horizon.inputs.shape
     for i in range(count):
         for j in range(m):
-            horizon.inputs[i, j] += length * program.solution[i * m + j]
+            horizon.inputs[i, j] += length * step[i * m + j]
