@@ -285,7 +285,8 @@ def test_a_term_that_is_switched_off_does_not_move_the_beam():
 def test_physics_has_its_terms_as_options_and_a_network_its_own():
     assert {"cam", "stribeck", "creep", "starts"} <= set(options_of("gray", CamBeam()))
     assert {"cam", "units", "members", "ridge"} <= set(options_of("hybrid", CamBeam()))
-    assert set(options_of("linear", CamBeam())) == {"starts", "input_bias"}
+    sensors = {f"position_{quantity}" for quantity in ("gain", "offset", "delay", "window")}
+    assert set(options_of("linear", CamBeam())) == {"starts", "input_bias", *sensors}
     for structure in structure_names():
         for name, option in options_of(structure, CamBeam()).items():
             assert option.low <= option.default <= option.high, name

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.compiled import compiled
+from hybrid_sysid_ros.core.sensing import finest
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -27,6 +28,12 @@ and the delays of the inputs in steps (inputs,).
 def dynamics(step: int, output: int, system: System, h: float) -> Dynamics:
     """The dynamics of a system; step, output: addresses of functions with or without derivatives, h: the step [s]."""
     return step, output, system.values, system.weights, h, system.input_delays / h
+
+
+def _of_run(step: int, output: int, system: System, h: float) -> Dynamics:
+    """The dynamics in a run, whose readings are late by themselves and not by a delay of the inputs."""
+    model, sensing = dynamics(step, output, system, h), system.sensing
+    return model if sensing is None else (*model[:5], model[5] - sensing.common_lag / h)
 
 
 @inner
@@ -103,13 +110,27 @@ def rollouts(
 
     starts: see :data:`Starts`. x0 (windows, states). inputs (steps, inputs): mean of each input over each ``step`` [s].
     There is a sample every ``every`` steps; the first one is x0. feedback F (inputs, states): u - F x acts over a step
-    in place of u, with x at its beginning, so that runs of an unstable system stay near a record. Raises ValueError for
-    arrays of other sizes.
+    in place of u, with x at its beginning, so that runs of an unstable system stay near a record. Outputs are as the
+    sensors read them that the system knows. Raises ValueError for arrays of other sizes.
     """
     _fitting(system, x0, inputs)
+    if system.sensing is None or not system.sensing.late:
+        return _run(system, starts, x0, inputs, step, every, feedback)
+    fine = finest(starts, every)
+    states, outputs = _run(system, fine, x0, inputs, step, 1, feedback)
+    shown = np.empty((int((starts[:, 2] + starts[:, 3]).max()), states.shape[1]))
+    for (_, _, samples, row), (_, _, steps, begin) in zip(starts, fine, strict=True):
+        shown[row : row + samples] = states[begin : begin + steps : every]
+    return shown, system.sensing.readings(outputs, starts, every, step)
+
+
+def _run(
+    system: System, starts: Starts, x0: Array, inputs: Array, step: float, every: int, feedback: Array | None
+) -> tuple[Array, Array]:
+    """States and outputs of rollouts, as no sensor reads them."""
     functions, total = compiled(system), int((starts[:, 2] + starts[:, 3]).max())
     states, outputs = np.empty((total, len(system.states))), np.empty((total, len(system.outputs)))
-    model = dynamics(functions.step, functions.output, system, step)
+    model = _of_run(functions.step, functions.output, system, step)
     _rollouts(model, starts, x0, inputs, _gains(system, feedback), every, states, outputs)
     return states, outputs
 
@@ -220,7 +241,7 @@ class Sensitivities:
         self._wide, offset = found.count, found.states + found.inputs
         learnt = [offset + free.index(i) for i in self.parameters]
         learnt += range(offset + len(free), offset + len(free) + found.weights)
-        names = [system.parameters[i].name for i in self.parameters]
+        self._names = names = [system.parameters[i].name for i in self.parameters]
         held = [system.delays.get(item.name) for item in system.inputs]
         self._learnt = np.array(learnt, dtype=np.int64)
         self._free_states = np.array(self.states, dtype=np.int64)
@@ -246,8 +267,21 @@ class Sensitivities:
         """Write the derivatives to ``out`` (samples, outputs, columns); see :func:`rollouts`."""
         _fitting(system, x0, inputs)
         columns, gains = (self._learnt, self._free_states, self._delayed), _gains(system, feedback)
-        model = dynamics(self._step, self._output, system, step)
-        _tangents(model, starts, x0, inputs, gains, columns, every, self._wide, out)
+        model, sensing = _of_run(self._step, self._output, system, step), system.sensing
+        if sensing is None or not sensing.late:
+            _tangents(model, starts, x0, inputs, gains, columns, every, self._wide, out)
+            return
+        fine = finest(starts, every)
+        slopes = np.empty((int(fine[-1, 2] + fine[-1, 3]), out.shape[1], out.shape[2]))
+        _tangents(model, fine, x0, inputs, gains, columns, 1, self._wide, slopes)
+        outputs = _run(system, fine, x0, inputs, step, 1, feedback)[1]
+        moved, read = sensing.moves(outputs, starts, every, step), sensing.readings(slopes, starts, every, step)
+        for _, _, samples, row in starts:
+            rows = slice(row, row + samples)
+            out[rows] = read[rows]
+            for name, (output, slope) in moved.items():
+                if name in self._names:
+                    out[rows, output, self._names.index(name)] += slope[rows]
 
 
 @kernel

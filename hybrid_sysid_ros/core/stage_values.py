@@ -101,6 +101,10 @@ class StageValues(Wrapper):
     def plain_outputs(self) -> bool:
         return False
 
+    @property
+    def sensing(self) -> None:
+        return None
+
 
 def evaluated(text: str, known: Mapping[str, Scalar], where: str) -> Scalar:
     """The value of a formula of known names: numbers, + - * / **, and smooth functions. Raises UserError for others."""

@@ -16,6 +16,7 @@ from hybrid_sysid_ros.core.friction import Contact, Field
 from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.record_map import RecordMap, record_map
+from hybrid_sysid_ros.core.sensing import Sensing
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Sampled, StepContext, Stepper
 from hybrid_sysid_ros.core.trace import kinematics_of
 from hybrid_sysid_ros.support.arrays import Array
@@ -243,10 +244,10 @@ class System:
 
     @property
     def input_delays(self) -> Array:
-        """Delay of each input [s], (inputs,)."""
-        values = self.named
+        """Delay of each input [s], (inputs,), with what all readings are late by as far as the system knows it."""
+        values, late = self.named, 0.0 if self.sensing is None else self.sensing.common_lag
         found = (self.delays.get(item.name, 0.0) for item in self.inputs)
-        return np.array([values[value] if isinstance(value, str) else value for value in found], dtype=float)
+        return np.array([late + (values[value] if isinstance(value, str) else value) for value in found], dtype=float)
 
     @property
     def delay(self) -> float:
@@ -254,6 +255,11 @@ class System:
         return float(np.max(self.input_delays, initial=0.0))
 
     # ------------------------------------------------------------------ how it meets records, and checks
+
+    @property
+    def sensing(self) -> Sensing | None:
+        """What the system knows of its sensors; None: a reading is the output at its moment."""
+        return None
 
     def record_map(self) -> RecordMap:
         """How the states follow from a record: from outputs that are states, and from rates that are states too.

@@ -12,6 +12,7 @@ from hybrid_sysid_ros.core.declaration import Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import Parameter
 from hybrid_sysid_ros.core.record_map import RecordMap
+from hybrid_sysid_ros.core.sensing import Sensing
 from hybrid_sysid_ros.core.steppers import Rates, StepContext
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.support.arrays import Array
@@ -90,6 +91,10 @@ class Wrapper(System):
     @property
     def sampling_time(self) -> float | None:
         return self.physics.sampling_time
+
+    @property
+    def sensing(self) -> Sensing | None:
+        return self.physics.sensing
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -41,7 +41,7 @@ class Context:
 
     @cached_property
     def magnitudes(self) -> Magnitudes:
-        return magnitudes(self.rig.system, self.experiments(self.rig.system))
+        return replace(magnitudes(self.rig.system, self.experiments(self.rig.system)), sensors=self.rig.sensors)
 
     def experiments(self, system: System) -> list[PreparedRecord]:
         return [item.experiment(system) for item in self.resampled]
@@ -51,7 +51,11 @@ class Context:
         return replace(self, options={name: value for name, value in self.options.items() if name in known})
 
     def fit(self, system: System, *, experiments: Sequence[PreparedRecord] | None = None, **settings: Any) -> Fit:
-        used = self.experiments(system) if experiments is None else experiments
+        used, sensing = self.experiments(system) if experiments is None else experiments, system.sensing
+        if sensing is not None and settings.get("anchor") is None and settings.get("unstable") is None:
+            held = (*settings.get("hold", ()), *sensing.names)
+            system = fit(system, used, progress=self.progress, **{**settings, "hold": held}).system
+            settings |= {"stages": (None,), "starts": 1}
         return fit(system, used, progress=self.progress, **settings)
 
     def fit_physics(self, systems: Sequence[System], **settings: Any) -> Fit:

@@ -67,6 +67,10 @@ class ResampledRecord:
         deviations = np.ones(len(system.states))
         for state, (column, rate) in known.reconstructible.items():
             deviations[state] = (self.rate_noise if rate else self.noise)[column]
+        if system.sensing is not None:
+            given = known.reconstructible, self.outputs, self.rates, self.sampling.period
+            for state, more in system.sensing.start_deviations(*given).items():
+                deviations[state] = np.hypot(deviations[state], more)
         return PreparedRecord(
             name=self.name,
             sampling=self.sampling,

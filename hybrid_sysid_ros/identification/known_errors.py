@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from hybrid_sysid_ros.core import rollouts
+from hybrid_sysid_ros.core.sensing import finest
 from hybrid_sysid_ros.identification.problem import FitProblem
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -28,10 +29,10 @@ def known_errors(problem: FitProblem, point: Array) -> Array:
         _, fine = rollouts(system, starts * np.array([2, 2, 1, 1]), initial, halves, **given)
         with np.errstate(over="ignore", invalid="ignore"):
             found[0] = 2.0 * (fine - coarse)
-    windows = [item.windows for item in problem.experiments if item.windows is not None]
+    unknown = _unknown(problem)
+    windows = [item.windows * unknown for item in problem.experiments if item.windows is not None]
     if windows and np.any(windows[0]):
-        steps = np.array([[a, b, (n - 1) * sampling.every + 1, 0] for a, b, n, _ in starts])
-        steps[1:, 3] = np.cumsum(steps[:-1, 2])
+        steps = finest(starts, sampling.every)
         _, run = rollouts(system, steps, initial, problem.inputs, step=sampling.step)
         parts = (run[begin : begin + count] for _, _, count, begin in steps)
         blurred = [_blurred(part, windows[0] / sampling.step)[:: sampling.every] for part in parts]
@@ -45,13 +46,20 @@ def known_errors(problem: FitProblem, point: Array) -> Array:
 
 
 def lag_of_sensors(problem: FitProblem) -> Array:
-    """What delays and windows of sensors, which no model knows, add to the input delays among the free numbers, in
-    their scales (shared,); zeros where no delay is free.
+    """What delays and windows of sensors that the model does not know add to the input delays among the free numbers,
+    in their scales (shared,); zeros where no delay is free.
     """
-    lags = [item.lag for item in problem.experiments if item.lag is not None]
+    unknown = _unknown(problem)
+    lags = [item.lag * unknown for item in problem.experiments if item.lag is not None]
     delays = [value for value in problem.system.delays.values() if isinstance(value, str)]
     free = np.array([float(name in delays) for name in problem.names])
     return np.asarray(free * (float(np.max(lags[0])) if lags else 0.0) / problem.scales)
+
+
+def _unknown(problem: FitProblem) -> Array:
+    """1 for each output whose sensor's delay and window the model does not know, else 0."""
+    sensing = problem.system.sensing
+    return np.ones(len(problem.system.outputs)) if sensing is None else np.where(sensing.known, 0.0, 1.0)
 
 
 def _blurred(outputs: Array, windows: Array) -> Array:

@@ -28,6 +28,8 @@ class Option:
     high: float | int
     kind: Literal["int", "float", "log"]
     description: str
+    searched: bool = True
+    """Whether a search varies it: not what only buys less chance with more time, or makes another structure."""
 
 
 def complete(given: Options, known: Mapping[str, Option], structure: str) -> dict[str, float | int]:
@@ -61,6 +63,7 @@ def parse(texts: list[str]) -> dict[str, float]:
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.models.fit import Fit, FitContext
+    from hybrid_sysid_ros.rigs.sensor import Sensor
 Boxes = Mapping[str, System]
 """Further gray boxes of a rig, by name."""
 
@@ -77,6 +80,8 @@ class Magnitudes:
     """Magnitudes of the features that the rig's system declares, (features,)."""
     unshown: tuple[str, ...] = ()
     """Names of the states that no record shows."""
+    sensors: tuple[Sensor, ...] = ()
+    """The rig's sensors, at which those that are fitted begin."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -11,14 +11,22 @@ import numpy as np
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import linearised
+from hybrid_sysid_ros.core.wrappers import Wrapper
 from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.linear import REACH, Friction, Linear
 from hybrid_sysid_ros.models.structure import Magnitudes, Option, Options, Structure
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extensions import provided
 
 FIT_OPTIONS = {
     "starts": Option(
-        default=1, low=1, high=32, kind="int", description="Initial points of the fit; the best one is used."
+        default=1,
+        low=1,
+        high=32,
+        kind="int",
+        description="Initial points of the fit; the best one is used.",
+        searched=False,
     ),
     "input_bias": Option(
         default=0.0,
@@ -85,17 +93,24 @@ class GrayBox(Structure):
 
     @property
     def options(self) -> Mapping[str, Option]:
-        own = self.own
-        if own is None:
-            return FIT_OPTIONS
-        terms = {
-            term: Option(default=int(term not in own.doubtful_terms), low=0, high=1, kind="int", description="term")
-            for term in own.terms
-        }
-        return {**FIT_OPTIONS, **terms}
+        own, found = self.own, dict(FIT_OPTIONS)
+        if own is not None:
+            found |= {
+                term: Option(default=int(term not in own.doubtful_terms), low=0, high=1, kind="int", description="term")
+                for term in own.terms
+            }
+        for wrapper in provided("wrappers").values():
+            found |= wrapper.options(self.physics)
+        return found
 
     def assemble(self, design: Mapping[str, Any], weights: Array) -> System:
-        return self._linear(design) if self.own is None else self.own
+        system = self._linear(design) if self.own is None else self.own
+        wrappers = provided("wrappers").values()
+        if "sensors" in design and not wrappers:
+            raise UserError("its sensors were fitted by the extension calibration, which is missing; install it")
+        for wrapper in wrappers:
+            system = wrapper.stored(system, design)
+        return system
 
     def _linear(self, design: Mapping[str, Any]) -> Linear:
         frictions: tuple[Friction, ...] = get_args(Friction)
@@ -115,7 +130,10 @@ class GrayBox(Structure):
             linear = self._linear({"scales": [*map(scale_of, sizes.scales), *law.efforts], "unshown": sizes.unshown})
             system = linear.initialised(law.entries(linear))
         system = system.with_values([item.start for item in system.parameters])
-        return system.without([term for term in system.terms if not options.get(term, 1)])
+        system, held = system.without([term for term in system.terms if not options.get(term, 1)])
+        for wrapper in provided("wrappers").values():
+            system = wrapper.wrapped(system, options, sizes)
+        return system, held
 
     def initial_guess(self, system: System, context: FitContext) -> System:
         """A linear system with initial entries from a regression over one sample, by the trapezoidal rule.
@@ -124,6 +142,8 @@ class GrayBox(Structure):
 
         for each rate of a measured state on which no unmeasured state acts in the rig's law at its initial values.
         """
+        if isinstance(system, Wrapper):
+            return replace(system, physics=self.initial_guess(system.physics, context))
         if not isinstance(system, Linear):
             return system
         from hybrid_sysid_ros.identification.initial_values import regression

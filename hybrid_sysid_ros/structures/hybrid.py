@@ -20,7 +20,7 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="Penalty of a network's weights.")
-MEMBERS = Option(default=1, low=1, high=10, kind="int", description="Number of averaged networks.")
+MEMBERS = Option(default=1, low=1, high=10, kind="int", description="Number of averaged networks.", searched=False)
 LEARNED_OPTIONS = {
     "scale": Option(
         default=1.0, low=0.01, high=1.0, kind="log", description="Size of the network, relative to the inputs' effect."

@@ -21,7 +21,12 @@ class AffineRulesKind(BlockKind):
 
     made, size_field, from_data = AffineRules, "rules", True
     option = Option(
-        default=0, low=0, high=20, kind="int", description="Takagi-Sugeno rules in place of the network, 0: none"
+        default=0,
+        low=0,
+        high=20,
+        kind="int",
+        description="Takagi-Sugeno rules in place of the network, 0: none",
+        searched=False,
     )
 
     def block(self, size: int, features: int, outputs: int) -> AffineRules:
@@ -39,7 +44,12 @@ class LinkedRulesKind(BlockKind):
 
     made, size_field, from_data = LinkedRules, "terms", True
     option = Option(
-        default=0, low=0, high=40, kind="int", description="fuzzy-neural (DIFNN) ones in place of it, 0: none"
+        default=0,
+        low=0,
+        high=40,
+        kind="int",
+        description="fuzzy-neural (DIFNN) ones in place of it, 0: none",
+        searched=False,
     )
 
     def block(self, size: int, features: int, outputs: int) -> LinkedRules:

@@ -13,18 +13,12 @@ from hybrid_sysid_ros.identification.identify import identify
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.models import Model, Option, Options, Sampling, options_of
-from hybrid_sysid_ros.models.hybrid_system import NETWORK, block_kinds
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Lost, Workers
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.extensions.search.study import Evaluation, Study
-
-UNSEARCHED = ("members", "starts", *(name for name in block_kinds() if name != NETWORK))
-"""Options that only buy less chance with more time, so that there is nothing to search in them, and those that make
-another structure.
-"""
 
 FAILURES = 5
 """Failed evaluations, and no other, after which a search is given up: the mistake is not in the options."""
@@ -97,7 +91,7 @@ class Objective:
     def space(self) -> Mapping[str, Option]:
         """The options that are searched. Raises UserError for an unknown structure."""
         known = options_of(self.structure, self.rig.system, self.rig.structures)
-        return {name: option for name, option in known.items() if name not in UNSEARCHED}
+        return {name: option for name, option in known.items() if option.searched}
 
     @property
     def problem(self) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Calibration: gain, offset, delay and window of sensors are fitted beside the physics."""
