@@ -48,6 +48,13 @@ def command(
     period: terminal.Period = None,
     part: terminal.PartText = "0:1",
     seed: terminal.Seed = 0,
+    criterion: Annotated[
+        str,
+        typer.Option(
+            metavar="simulation|prediction",
+            help="What the physics is fitted by: errors of free runs, or of a filter whose input offset walks.",
+        ),
+    ] = "simulation",
     initial: terminal.Initial = None,
     initial_samples: terminal.InitialSamples = None,
     warm_up: terminal.WarmUp = None,
@@ -93,6 +100,7 @@ def command(
             seed=seed,
             progress=progress,
             refine=step is None,
+            criterion=criterion,
         )
     model.save(out)
     parts = [(record, Part.parse(part)) for record in records]
@@ -119,6 +127,9 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
     console.print(f"{model.structure}: {model.kind.summary}")
     print_table(parameter_table(model))
     console.print(f"inputs: {model.inputs_sentence}")
+    for name, item in model.fit.get("prediction", {}).items():
+        if isinstance(item, Mapping):
+            console.print(f"{name}: {item['value']:.3g} (standard error {item['standard_error']:.2g})")
     for line in model.kind.lines(model.system):
         console.print(line)
     for doubt in doubts(model):

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.structure import Magnitudes, Structure
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 
 
@@ -31,6 +32,8 @@ class Context:
     options: Mapping[str, float | int]
     seed: int
     progress: FitProgress | None = None
+    criterion: str = "simulation"
+    """Of physics: "simulation", or one of the ``criteria`` that extensions provide."""
     records: Sequence[Record]
     resampled: Sequence[ResampledRecord] = field(default=())
     """The records at the sampling; by default they are resampled here."""
@@ -68,6 +71,11 @@ class Context:
         }
         if given["unstable"] is not None and self.options.get("input_bias"):
             raise UserError(f"input_bias: {self.rig.name} is unstable, and short windows show no bias: leave it out")
+        if self.criterion != "simulation" and (given["unstable"] is not None or self.options.get("input_bias")):
+            reason = (
+                "a rig with a stabiliser is fitted over windows" if given["unstable"] else "input_bias is for free runs"
+            )
+            raise UserError(f"criterion {self.criterion}: {reason}: take the criterion simulation")
         fits, reasons = [], []
         for system in systems:
             try:
@@ -90,8 +98,19 @@ class Context:
         """The fit of a system, with a bias of the inputs in each record where the option asks for it."""
         spreads = float(self.options.get("input_bias", 0.0)) * np.diff(self.rig.limits, axis=0)[0]
         if not np.any(spreads):
-            return self.fit(system, **settings)
+            return self._by_criterion(self.fit(system, **settings), settings)
         biased = Biased(physics=system, spreads=tuple(spreads.tolist()))
         found = self.fit(biased, **settings)
         assert isinstance(found.system, Biased)
-        return replace(found, system=found.system.physics, biases=biased.biases(found.nuisances))
+        biases = biased.biases(found.nuisances)
+        names = [record.name for record in self.records]
+        noted = {name: dict(zip(names, values.tolist(), strict=True)) for name, values in biases.items()}
+        return replace(found, system=found.system.physics, notes={"input_bias": noted})
+
+    def _by_criterion(self, found: Fit, settings: Mapping[str, Any]) -> Fit:
+        """The fit of physics by the chosen criterion, from that of free runs; a network is fitted to free runs."""
+        if self.criterion == "simulation" or len(found.system.weights):
+            return found
+        criterion = extensions.one("criteria", self.criterion, f"criterion {self.criterion}")
+        fitted: Fit = criterion(found.system, self.experiments(found.system), found, settings.get("hold", ()))
+        return fitted

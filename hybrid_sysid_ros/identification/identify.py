@@ -47,33 +47,41 @@ def identify(
     seed: int = 0,
     progress: FitProgress | None = None,
     refine: bool = False,
+    criterion: str = "simulation",
 ) -> Model:
     """Fit a structure to parts of records.
 
     part: one part for all records, or one for each. options: values by name, see
     :func:`~hybrid_sysid_ros.models.structure.options_of`. refine: a gray box is fitted again at a finer step, which the
-    model then has, where the step of the sampling moves a parameter by REFINED of its standard error. Raises UserError
-    for records that don't fit the sampling or don't excite the rig, and for an unknown structure or option.
+    model then has, where the step of the sampling moves a parameter by REFINED of its standard error. criterion: of
+    physics, "simulation" for free runs, or the name of one that an extension provides, such as "prediction". Raises
+    UserError for records that don't fit the sampling or don't excite the rig, and for an unknown structure, option or
+    criterion.
     """
     if not records:
         raise UserError("identification: no record to fit")
     if rig.experiments.stabiliser is not None:
         check_sampling(sampling, f"identification of {rig.name}")
     found = structure_of(structure, rig.system, rig.structures)
+    given: dict[str, Any]
     if sampling.input == "auto":
-        given: dict[str, Any] = {"part": part, "options": options, "seed": seed, "progress": progress, "refine": refine}
+        given = {"part": part, "options": options, "seed": seed, "progress": progress, "refine": refine}
+        given |= {"criterion": criterion}
         return _by_training(records, rig, structure, sampling, given)
     chosen, holds = complete(options or {}, found.options, structure), found.sampling(sampling)
     used = without_gaps(parts_of(records, part, sampling), sampling)
     parts = [part] * len(records) if isinstance(part, Part) else part
     resampled = [checked(record, rig, holds) for record in used]
-    context = Context(
-        rig=rig, sampling=holds, options=chosen, seed=seed, progress=progress, records=used, resampled=resampled
-    )
+    given = {"rig": rig, "sampling": holds, "options": chosen, "seed": seed, "progress": progress}
+    context = Context(**given, records=used, resampled=resampled, criterion=criterion)
     with blaming(f"structure {structure} ({found.__module__})", found.__module__):
         fitted = found.fit(context)
         if not isinstance(fitted, Fit):
             raise TypeError(f"its fit gave {fitted!r}, which is no Fit")
+    if criterion != "simulation" and criterion not in fitted.notes:
+        raise UserError(
+            f"criterion {criterion}: structure {structure} fits no physics alone: take a gray box, or hybrid"
+        )
     if refine and found.is_gray_box:
         context, fitted = _refined(context, fitted)
         holds = context.sampling
@@ -105,7 +113,7 @@ def identify(
             **({"block_spread": dict(zip(fitted.names, fitted.block_spread.tolist(), strict=True))} if spread else {}),
             **({"bands": bands} if bands else {}),
             **_notes(fitted.system, experiments),
-            **_biases(fitted, [record.name for record in used]),
+            **fitted.notes,
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
             **({"groups": [group.content for group in known_together]} if known_together else {}),
         },
@@ -214,12 +222,6 @@ def _notes(system: System, experiments: Sequence[PreparedRecord]) -> dict[str, A
     """What extensions note of the training records, by name."""
     made = {name: note(system, experiments) for name, note in provided("training_notes").items()}
     return {name: note for name, note in made.items() if note}
-
-
-def _biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:
-    """The biases of inputs that were fitted with the parameters, by input and record."""
-    biases = {name: dict(zip(records, values.tolist(), strict=True)) for name, values in fitted.biases.items()}
-    return {"input_bias": biases} if biases else {}
 
 
 def checked(record: Record, rig: Rig, sampling: Sampling) -> ResampledRecord:

@@ -26,6 +26,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError, shown
+from hybrid_sysid_ros.support.extensions import targets
 from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.text_table import text_table
 
@@ -151,6 +152,7 @@ def identify(
     seed: int = 0,
     progress: FitProgress | None = None,
     refine: bool | None = None,
+    criterion: str = "simulation",
 ) -> Model:
     """Fit a structure to parts of records.
 
@@ -159,7 +161,8 @@ def identify(
     those of the rig's file. part: a part of all records as fractions, or one for each record. options: numbers by name,
     such as {"units": 8}. seed: random seed. progress(stage, evaluations, error): a function that is called during
     the fit. refine: whether a gray box is fitted again at a finer step where the step moves its parameters too far; by
-    default where the sampling gives no step.
+    default where the sampling gives no step. criterion: of physics, "simulation" for free runs, or "prediction" for a
+    filter whose input offset walks.
 
     Raises UserError for records that don't fit the rig, its sampling or each other, or don't excite the rig, and for an
     unknown structure or option.
@@ -185,6 +188,7 @@ def identify(
             seed=arguments.seed_of(seed),
             progress=arguments.callable_of(progress, "progress", "stage, evaluations, error"),
             refine=not given if refine is None else arguments.flag_of(refine, "refine"),
+            criterion=arguments.choice_of(criterion, "criterion", ("simulation", *targets("criteria"))),
         )
     )
 

@@ -90,8 +90,8 @@ class Fit:
     """Time of the optimisation [s], without compilation."""
     evaluations: int
     """Number of simulations of all records, with or without derivatives."""
-    biases: Mapping[str, Array] = field(default_factory=dict)
-    """Constant bias of an input in each record, (records,) by the input's name, where biases were fitted."""
+    notes: Mapping[str, Any] = field(default_factory=dict)
+    """What else was fitted, as plain data by name, such as the bias of each input in each record."""
     chi_squared: float | None = None
     """Mean squared error, in units of the sensors' noise; only a fit over windows with free initial states, as for an
     unstable rig, has it.

@@ -99,13 +99,13 @@ class GrayBox(Structure):
                 term: Option(default=int(term not in own.doubtful_terms), low=0, high=1, kind="int", description="term")
                 for term in own.terms
             }
-        for wrapper in provided("wrappers").values():
+        for wrapper in _wrappers():
             found |= wrapper.options(self.physics)
         return found
 
     def assemble(self, design: Mapping[str, Any], weights: Array) -> System:
         system = self._linear(design) if self.own is None else self.own
-        wrappers = provided("wrappers").values()
+        wrappers = _wrappers()
         if "sensors" in design and not wrappers:
             raise UserError("its sensors were fitted by the extension calibration, which is missing; install it")
         for wrapper in wrappers:
@@ -131,7 +131,7 @@ class GrayBox(Structure):
             system = linear.initialised(law.entries(linear))
         system = system.with_values([item.start for item in system.parameters])
         system, held = system.without([term for term in system.terms if not options.get(term, 1)])
-        for wrapper in provided("wrappers").values():
+        for wrapper in _wrappers():
             system = wrapper.wrapped(system, options, sizes)
         return system, held
 
@@ -156,3 +156,8 @@ class GrayBox(Structure):
         guess = self.initial_guess(system, context)
         alike = np.array_equal(guess.values, system.values)
         return context.fit_physics([guess] if alike else [guess, system], hold=held)
+
+
+def _wrappers() -> list[Any]:
+    """What options wrap a gray box in, as extensions provide it."""
+    return [kind() for kind in provided("wrappers").values()]

@@ -233,6 +233,3 @@ class Calibration:
         if not free:
             return system
         return Calibrated(physics=system, free=free, numbers=tuple(item.centre for item in free), lags=lags)
-
-
-CALIBRATION = Calibration()

@@ -6,5 +6,5 @@ HERE = "hybrid_sysid_ros.extensions.calibration"
 EXTENSION = Extension(
     name="calibration",
     summary="Gain, offset, delay and window of sensors, fitted beside the physics.",
-    provides={"wrappers": {"calibration": f"{HERE}.calibrated:CALIBRATION"}},
+    provides={"wrappers": {"calibration": f"{HERE}.calibrated:Calibration"}},
 )

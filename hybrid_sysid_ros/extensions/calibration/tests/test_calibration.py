@@ -11,7 +11,7 @@ import pytest
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Sensitivities, System, bounded, rollouts, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar, sin
-from hybrid_sysid_ros.extensions.calibration.calibrated import CALIBRATION, Calibrated, Free
+from hybrid_sysid_ros.extensions.calibration.calibrated import Calibrated, Calibration, Free
 from hybrid_sysid_ros.identification import evaluate, identify
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.models import Model, Sampling, load
@@ -147,4 +147,4 @@ def test_sensors_that_can_not_be_are_refused() -> None:
         {"sensors": [["angle", "hum", 1, 1]], "lags": [[0, 0]]},
     ):
         with pytest.raises(UserError, match="fit again"):
-            CALIBRATION.stored(Pendulum(), design)
+            Calibration().stored(Pendulum(), design)

@@ -52,7 +52,8 @@ def test_the_command_searches_and_fits_the_best(command, tmp_path: Path) -> None
     model = load(tmp_path / "model")
     assert model.structure == "linear"
     assert [record["part"] for record in model.records] == [[0.0, 0.2]] * 2
-    best = " ".join(f"{name}={value:.6g}" for name, value in model.fit["options"].items() if name != "starts")
+    searched = {name for name, option in model.kind.options.items() if option.searched}
+    best = " ".join(f"{name}={value:.6g}" for name, value in model.fit["options"].items() if name in searched)
     assert f"3 trials; best: {best}" in " ".join(out.split())
     found = json.loads(command(*arguments, "--part", "0:0.2", "--trials", 3, "--json")[1])
     assert [trial["r2"] for trial in found["trials"]] == sorted((t["r2"] for t in found["trials"]), reverse=True)
