@@ -54,8 +54,11 @@ class Alignment:
 
 def expected_outputs(record: Record, rig: Rig) -> Array | None:
     """What the rig's own physics make of the record's inputs, (samples, outputs); None where they grow beyond all
-    numbers, forget where they began as an unstable rig does, or the record is too short.
+    numbers, forget where they began as an unstable rig does, or the record is too short. A rig with a stabiliser is
+    unstable, even if a fall ends its growth.
     """
+    if rig.experiments.stabiliser is not None:
+        return None
     period = record.sampling_time
     step = period / max(1, round(period / max(rig.step, record.duration / MOST_STEPS)))
     try:

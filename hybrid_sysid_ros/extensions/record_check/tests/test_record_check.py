@@ -42,6 +42,11 @@ def test_a_good_record_is_accused_of_nothing():
     assert first() == ""
 
 
+def test_a_rig_that_a_loop_holds_upright_is_not_compared_with_its_fall():
+    held = bags.read(ROOT / "bags" / "balancing_robot_multisine", hs.load_rig("balancing_robot").signals)
+    assert "no relation" not in [item.kind for item in findings_of(held, hs.load_rig("balancing_robot"))]
+
+
 def test_each_fault_is_named_first():
     r, random = record(), np.random.default_rng(0)
     y, u, t = r.output, r.input, r.time
