@@ -175,7 +175,12 @@ def _tell_problems(reported: int) -> int:
     return len(problems)
 
 
-GROUPS = {"model": "Models outside of Python.", "policy": "Approximate MPC.", "rig": "Rigs, a folder each."}
+GROUPS = {
+    "export": "Whole loops outside of Python.",
+    "model": "Models outside of Python.",
+    "policy": "Approximate MPC.",
+    "rig": "Rigs, a folder each.",
+}
 """First words of commands with two words, and their subjects."""
 
 

@@ -5,8 +5,9 @@ from hybrid_sysid_ros.support.extensions import Extension
 HERE = "hybrid_sysid_ros.extensions.export"
 EXTENSION = Extension(
     name="export",
-    summary="Models as CasADi functions; policies as ONNX graphs and as C99.",
+    summary="Models as CasADi functions; policies as ONNX graphs and as C99; loops as C99.",
     commands={
+        "export loop": (f"{HERE}.commands.loop_export", "Write a loop as C99."),
         "model export": (f"{HERE}.commands.model_export", "Write a model as CasADi functions."),
         "policy export": (f"{HERE}.commands.policy_export", "Write a policy as ONNX and as C99."),
     },

@@ -25,8 +25,8 @@ from hybrid_sysid_ros.extensions.export.unit.values import (
     StructureValue,
     TupleValue,
     Value,
+    bracketed,
     cannot,
-    operand,
 )
 
 
@@ -144,7 +144,7 @@ class FunctionBody(Assignments):
             head = f"for (int {name} = {self.number(start).text}; "
         by = step.value
         change = f"{name}++" if by == 1 else f"{name}--" if by == -1 else f"{name} += {by}"
-        self._within(f"{head}{name} {'<' if by > 0 else '>'} {operand(end, SUM)}; {change})", body)
+        self._within(f"{head}{name} {'<' if by > 0 else '>'} {bracketed(end, SUM)}; {change})", body)
         if self.counts[target.id] < 2:
             self.values.pop(target.id, None)
             self.values |= {} if before is None else {target.id: before}

@@ -26,9 +26,9 @@ from hybrid_sysid_ros.extensions.export.unit.values import (
     Origin,
     TupleValue,
     Value,
+    bracketed,
     number_kind,
     offset,
-    operand,
 )
 
 CallTranslation = Callable[..., Value | None]
@@ -112,7 +112,7 @@ def _truncated(body: FunctionBody, given: Value) -> Value:
     if isinstance(given, KnownValue):
         return KnownValue(int(given.value))
     number = body.number(given)
-    return NumberValue(INT, f"(int){operand(number, PRODUCT + 1)}", PRODUCT + 1) if _kind(given) == REAL else number
+    return NumberValue(INT, f"(int){bracketed(number, PRODUCT + 1)}", PRODUCT + 1) if _kind(given) == REAL else number
 
 
 @_of(float)
@@ -174,7 +174,7 @@ BUILTINS[call.pointer] = _pointer
 @_of(registers.behind)
 def _behind(body: FunctionBody, array: Value, at: Value) -> Value:
     view = body.memory_of(array)
-    return offset(view, operand(body.number(at), SUM + 1), (None,))
+    return offset(view, bracketed(body.number(at), SUM + 1), (None,))
 
 
 @_of(belief.numbers_at)
@@ -184,13 +184,13 @@ def _numbers_at(body: FunctionBody, address: Value) -> Value:
 
 @_of(belief.vector)
 def _vector(body: FunctionBody, address: Value, length: Value, first: Value = AT_ONCE) -> Value:
-    return offset(_numbers_at(body, address), operand(body.number(first), SUM + 1), _sizes(length))  # type: ignore[arg-type]
+    return offset(_numbers_at(body, address), bracketed(body.number(first), SUM + 1), _sizes(length))  # type: ignore[arg-type]
 
 
 @_of(belief.matrix)
 def _matrix(body: FunctionBody, address: Value, rows: Value, columns: Value, first: Value = AT_ONCE) -> Value:
     shape = (*_sizes(rows), *_sizes(columns))
-    return offset(_numbers_at(body, address), operand(body.number(first), SUM + 1), shape)  # type: ignore[arg-type]
+    return offset(_numbers_at(body, address), bracketed(body.number(first), SUM + 1), shape)  # type: ignore[arg-type]
 
 
 # ---------------------------------------------------------------------- printed functions
@@ -239,7 +239,7 @@ def _solve(body: FunctionBody, function: Value, result: Value, workspace: Value)
 @_of(registers.load_numbers)
 def _load(body: FunctionBody, memory: Value, at: Value, lanes: Value) -> Value:
     view = body.memory_of(memory)
-    return LaneValues(lanes.value, f"{operand(view, 9)}[{operand(body.number(at), SUM)} + lane]")  # type: ignore[union-attr]
+    return LaneValues(lanes.value, f"{bracketed(view, 9)}[{bracketed(body.number(at), SUM)} + lane]")  # type: ignore[union-attr]
 
 
 @_of(registers.store)
@@ -247,7 +247,7 @@ def _store(body: FunctionBody, memory: Value, at: Value, register: Value) -> Non
     view = body.memory_of(memory)
     view.place.write()
     assert isinstance(register, LaneValues)
-    place = f"{operand(view, 9)}[{operand(body.number(at), SUM)} + lane]"
+    place = f"{bracketed(view, 9)}[{bracketed(body.number(at), SUM)} + lane]"
     body.line(f"for (int lane = 0; lane < {register.count}; lane++) {place} = {register.text};")
 
 
@@ -260,7 +260,8 @@ def _zero(body: FunctionBody, lanes: Value) -> Value:
 def _plus_scaled(body: FunctionBody, total: Value, register: Value, factor: Value) -> Value:
     assert isinstance(total, LaneValues)
     assert isinstance(register, LaneValues)
-    text = f"{operand(total, SUM)} + {operand(register, PRODUCT)} * {operand(body.number(factor, REAL), PRODUCT + 1)}"
+    scale = bracketed(body.number(factor, REAL), PRODUCT + 1)
+    text = f"{bracketed(total, SUM)} + {bracketed(register, PRODUCT)} * {scale}"
     return LaneValues(total.count, text, SUM)
 
 
@@ -268,7 +269,7 @@ def _plus_scaled(body: FunctionBody, total: Value, register: Value, factor: Valu
 def _added(body: FunctionBody, one: Value, two: Value) -> Value:
     assert isinstance(one, LaneValues)
     assert isinstance(two, LaneValues)
-    return LaneValues(one.count, f"{operand(one, SUM)} + {operand(two, SUM + 1)}", SUM)
+    return LaneValues(one.count, f"{bracketed(one, SUM)} + {bracketed(two, SUM + 1)}", SUM)
 
 
 @_of(registers.tanh)

@@ -26,9 +26,9 @@ from hybrid_sysid_ros.extensions.export.unit.values import (
     StructureValue,
     TupleValue,
     Value,
+    bracketed,
     cannot,
     offset,
-    operand,
 )
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ class Expressions(Operations):
         if len(parts) == 1:
             return parts[0]
         level, sign = (AND, " && ") if every else (OR, " || ")
-        return NumberValue(BOOL, sign.join(operand(part, level if every else AND + 1) for part in parts), level)
+        return NumberValue(BOOL, sign.join(bracketed(part, level if every else AND + 1) for part in parts), level)
 
     def _compared(self, nodes: list[ast.expr], ops: list[ast.cmpop]) -> Value:
         values = [self.value(node) for node in nodes]
@@ -129,7 +129,7 @@ class Expressions(Operations):
             return self.pair(ops[0], *values)
         pairs = [self.pair(op, *values[k : k + 2]) for k, op in enumerate(ops)]
         texts = [self.number(pair) for pair in pairs]
-        return NumberValue(BOOL, " && ".join(operand(text, AND + 1) for text in texts), AND)
+        return NumberValue(BOOL, " && ".join(bracketed(text, AND + 1) for text in texts), AND)
 
     def _choice(self, test: ast.expr, body: ast.expr, other: ast.expr) -> Value:
         truth = self.condition(self.value(test))
@@ -176,8 +176,8 @@ class Expressions(Operations):
         if rest:
             for length in rest:
                 at = self.binary(ast.Mult(), at, KnownValue(length))
-            return offset(of, operand(self.number(at), SUM + 1), rest)
-        text = f"{operand(of, ATOM)}[{self.number(at).text}]"
+            return offset(of, bracketed(self.number(at), SUM + 1), rest)
+        text = f"{bracketed(of, ATOM)}[{self.number(at).text}]"
         if isinstance(of.kind, str):
             return NumberValue(of.kind, text)
         live = of.live

@@ -28,9 +28,9 @@ from hybrid_sysid_ros.extensions.export.unit.values import (
     Origin,
     TupleValue,
     Value,
+    bracketed,
     cannot,
     number_kind,
-    operand,
 )
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class Operations:
             case _:
                 raise cannot(f"the value {value} as a number", self.where)
         if isinstance(found, NumberValue) and kind == REAL and found.kind != REAL:
-            return NumberValue(REAL, f"({self.translator.rig}_real){operand(found, ATOM)}", PRODUCT + 1)
+            return NumberValue(REAL, f"({self.translator.rig}_real){bracketed(found, ATOM)}", PRODUCT + 1)
         return found
 
     def condition(self, value: Value) -> KnownValue | NumberValue:
@@ -104,7 +104,7 @@ class Operations:
             return KnownValue(bool(value.value))
         found = self.number(value)
         assert isinstance(found, NumberValue)
-        return found if found.kind == BOOL else NumberValue(BOOL, f"{operand(found, EQUAL + 1)} != 0", EQUAL)
+        return found if found.kind == BOOL else NumberValue(BOOL, f"{bracketed(found, EQUAL + 1)} != 0", EQUAL)
 
     def binary(self, op: ast.operator, left: Value, right: Value) -> Value:
         """An operation on two values."""
@@ -129,7 +129,7 @@ class Operations:
             return b
         elif isinstance(op, ast.Mult) and getattr(right, "value", None) == 1:
             return a
-        text = f"{operand(a, how.level)} {how.text} {operand(b, how.level + 1)}"
+        text = f"{bracketed(a, how.level)} {how.text} {bracketed(b, how.level + 1)}"
         return NumberValue(REAL if real else INT, text, how.level)
 
     def unary(self, op: ast.unaryop, operand: Value) -> Value:
@@ -138,20 +138,20 @@ class Operations:
         if isinstance(op, ast.Not):
             truth = self.condition(operand)
             assert isinstance(truth, NumberValue)
-            return NumberValue(BOOL, f"!{operand(truth, ATOM)}", PRODUCT + 1)
+            return NumberValue(BOOL, f"!{bracketed(truth, ATOM)}", PRODUCT + 1)
         given = self.number(operand)
-        return NumberValue(kind_in(given), f"-{operand(given, PRODUCT)}", SUM)
+        return NumberValue(kind_in(given), f"-{bracketed(given, PRODUCT)}", SUM)
 
     def pair(self, op: ast.cmpop, left: Value, right: Value) -> Value:
         if isinstance(op, ast.In) and isinstance(right, TupleValue):
             pairs = [self.number(self.pair(ast.Eq(), left, item)) for item in right.values]
-            return NumberValue(BOOL, " || ".join(operand(item, AND + 1) for item in pairs), OR)
+            return NumberValue(BOOL, " || ".join(bracketed(item, AND + 1) for item in pairs), OR)
         how = _COMPARED[type(op)]
         if isinstance(left, KnownValue) and isinstance(right, KnownValue):
             return KnownValue(bool(how.python(left.value, right.value)))
         kinds = {kind_in(self.number(left)), kind_in(self.number(right))}
         a, b = (self.number(item, REAL if REAL in kinds else None) for item in (left, right))
-        return NumberValue(BOOL, f"{operand(a, how.level + 1)} {how.text} {operand(b, how.level + 1)}", how.level)
+        return NumberValue(BOOL, f"{bracketed(a, how.level + 1)} {how.text} {bracketed(b, how.level + 1)}", how.level)
 
     def either(self, truth: NumberValue, one: Value, two: Value) -> Value:
         """One of two values by a test."""
@@ -159,13 +159,13 @@ class Operations:
             place = Origin("choice")
             place.take(one.place)
             place.take(two.place)
-            text = f"{operand(truth, CHOICE + 1)} ? {operand(one, CHOICE + 1)} : {operand(two, CHOICE + 1)}"
+            text = f"{bracketed(truth, CHOICE + 1)} ? {bracketed(one, CHOICE + 1)} : {bracketed(two, CHOICE + 1)}"
             shape = one.shape if one.shape == two.shape else (None,)
             return ArrayView(one.kind, shape, text, place, CHOICE)
         kinds = [kind_in(self.number(item)) for item in (one, two)]
         kind = REAL if REAL in kinds else kinds[0] if kinds[0] == kinds[1] else INT
         a, b = (self.number(item, kind) for item in (one, two))
-        text = f"{operand(truth, CHOICE + 1)} ? {operand(a, CHOICE + 1)} : {operand(b, CHOICE + 1)}"
+        text = f"{bracketed(truth, CHOICE + 1)} ? {bracketed(a, CHOICE + 1)} : {bracketed(b, CHOICE + 1)}"
         if isinstance(a, LaneValues) or isinstance(b, LaneValues):
             return LaneValues(a.count if isinstance(a, LaneValues) else b.count, text, CHOICE)  # type: ignore[union-attr]
         return NumberValue(kind, text, CHOICE)

@@ -118,7 +118,7 @@ class LaneValues:
 Value = KnownValue | NumberValue | ArrayView | RecordValue | TupleValue | StructureValue | LaneValues
 
 
-def operand(value: NumberValue | ArrayView | LaneValues, least: int) -> str:
+def bracketed(value: NumberValue | ArrayView | LaneValues, least: int) -> str:
     """The text of a value as an operand of what holds its parts together by ``least``."""
     return value.text if value.level >= least else f"({value.text})"
 
@@ -143,7 +143,7 @@ def literal(value: Any, suffix: str) -> str:
 
 def offset(view: ArrayView, text: str, shape: tuple[int | None, ...]) -> ArrayView:
     """The part of a view from an index on."""
-    moved = view.text if text == "0" else f"{operand(view, SUM)} + {text}"
+    moved = view.text if text == "0" else f"{bracketed(view, SUM)} + {text}"
     return replace(view, text=moved, shape=shape, level=view.level if text == "0" else SUM, live=None)
 
 

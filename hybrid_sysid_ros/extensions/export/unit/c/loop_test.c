@@ -1,0 +1,54 @@
+/* Replays a recorded loop: asks @name what it was asked when it was exported. Generated; do not edit.
+ *
+@about
+ */
+#include "@name.h"
+
+#include <math.h>
+#include <stdio.h>
+
+static const struct {
+    @{name}_measurement measurement;
+    @{name}_reference reference;
+    int status;
+    @{name}_real inputs[@{NAME}_INPUTS];
+} periods[@periods] = {
+@table
+};
+
+static @{name}_memory memory;
+
+int main(void)
+{
+    const double tolerance = @tolerance;
+    double largest = 0.0;
+    int k, j, wrong = 0;
+
+    if (!@{name}_init(&memory)) {
+        printf("the memory of the solver is too small\n");
+        return 1;
+    }
+    @{name}_reset(&memory);
+    for (k = 0; k < @periods; k++) {
+        @{name}_command command;
+        int equal;
+
+        @{name}_step(&memory, &periods[k].measurement, &periods[k].reference, &command);
+        @{name}_prepare(&memory, @period);
+        equal = command.status == periods[k].status;
+        for (j = 0; j < @{NAME}_INPUTS; j++) {
+            double difference = fabs((double)(command.inputs[j] - periods[k].inputs[j]));
+
+            equal = equal && difference <= tolerance;
+            largest = difference > largest ? difference : largest;
+        }
+        if (!equal) {
+            printf("period %d: status %d, not %d; first input %.17g, not %.17g\n", k, command.status,
+                   periods[k].status, (double)command.inputs[0], (double)periods[k].inputs[0]);
+            wrong++;
+        }
+    }
+    printf("%d of %d periods wrong, largest difference %.3g, tolerance %.3g, %lu bytes\n", wrong, @periods, largest,
+           tolerance, (unsigned long)@{name}_size());
+    return wrong != 0;
+}
