@@ -22,6 +22,12 @@ def found() -> str | None:
     return next((name for name in COMPILERS if shutil.which(name)), None)
 
 
+def is_gcc(compiler: str) -> bool:
+    """Whether a compiler is gcc, by whatever name."""
+    found = _run([compiler, "-dM", "-E", "-x", "c", "/dev/null"]).stdout
+    return "__GNUC__" in found and "__clang__" not in found
+
+
 def run_test(compiler: str, folder: Path, name: str, scratch: Path) -> float:
     """Compile NAME.c with NAME_test.c and run it; the largest difference that it tells [unit of the input].
 

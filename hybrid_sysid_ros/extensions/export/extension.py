@@ -13,6 +13,7 @@ EXTENSION = Extension(
     },
     provides={
         "exporters": {
+            "loop": f"{HERE}.unit.folder:export_given",
             "model": f"{HERE}.casadi_functions:export_casadi",
             "policy": f"{HERE}.policy_folder:export_loaded",
         }

@@ -22,17 +22,20 @@ def command(
     real_time: Annotated[
         bool, typer.Option("--real-time/--converged", help="One iteration in a period, or as many as it takes.")
     ] = True,
+    policy: Annotated[Path | None, typer.Option(help="Policy folder: it drives while it passes the check.")] = None,
     daqp: Annotated[Path | None, typer.Option(help="Folder of DAQP's C sources, without network.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a rig's loop, estimator and exact MPC, as C99 without allocation, if it answers as in Python."""
+    """Write a rig's loop, its estimator and controller, as C99 without allocation, if it answers as in Python."""
     check_folder(out, marker=MANIFEST, replace=overwrite)
     loaded = load_model(model, rig=rig)
+    driver = {} if policy is None else {"policy": "supervised", "policy_path": str(policy)}
     done = export_loop(
         load_rig(rig or loaded.rig),
         loaded,
         out,
-        settings={"real_time": real_time},
+        settings={"real_time": real_time, **driver},
+        policy_seal="" if policy is None else storage.digest(policy, kind="policy"),
         seal=storage.digest(model, kind="model"),
         source=daqp,
         overwrite=overwrite,
@@ -40,6 +43,7 @@ def command(
     for kind, parts in done.differences.items():
         console.print(
             f"{out / done.name}.c: {done.periods[kind]} {kind} periods as in Python, inputs to {parts['inputs']:.1e} "
-            f"(tolerance {TOLERANCE:g}; {done.by})"
+            f"(tolerance {TOLERANCE[kind]:g}; {done.by})"
         )
-    console.print(f"{out / done.name}.h: its memory has {done.bytes} bytes; README.md says how it is called")
+    stack = "" if done.stack is None else f", its calls take {done.stack} bytes of the stack at most"
+    console.print(f"{out / done.name}.h: its memory has {done.bytes} bytes{stack}; README.md says how it is called")

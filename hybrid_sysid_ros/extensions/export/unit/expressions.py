@@ -253,6 +253,8 @@ class Expressions(Operations):
                     assert isinstance(given, RecordValue)
                     place.take(given.place)
                     texts.append(f"&{given.text}" if given.text.endswith("]") else given.text)
+                case LaneValues():
+                    texts.append(self.memory_of(given).text)
                 case StructureValue():
                     texts.append(given.text)  # type: ignore[union-attr]
         return self.result_of(made, texts)

@@ -15,13 +15,15 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control import ExactMpc
+from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.estimation import METHODS, ExtendedKalmanFilter
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.c_source import Text, number
-from hybrid_sysid_ros.extensions.export.unit import unit
+from hybrid_sysid_ros.extensions.export.unit import stack_use, unit
 from hybrid_sysid_ros.extensions.export.unit.built import FLAGS, WARNINGS, BuiltUnit, build
 from hybrid_sysid_ros.extensions.export.unit.daqp_source import copy_to, daqp
-from hybrid_sysid_ros.extensions.export.unit.loop_kernels import PrintedLoop
+from hybrid_sysid_ros.extensions.export.unit.printed_loop import PrintedLoop
 from hybrid_sysid_ros.extensions.export.unit.replay import (
     PeriodAnswer,
     PeriodQuestion,
@@ -33,21 +35,18 @@ from hybrid_sysid_ros.extensions.export.unit.replay import (
 )
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import (
-    controller_model,
-    defaults,
-    estimator_model,
-    estimator_tuning,
-    mpc_problem,
-    wrap_for_rig,
-)
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.runtime.configuration import defaults, estimator_model, estimator_tuning
+from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder, sha256, written_folder
 
 MANIFEST = "export.json"
 FORMAT = 1
-TOLERANCE = 1e-9
-"""Largest difference of a unit's answers from Python's, in the inputs' and states' units, relative above 1."""
+TOLERANCE = {"recorded": 1e-9, "odd": 1e-6}
+"""Largest difference of a unit's answers from Python's, in the inputs' and states' units, relative above 1. Where
+a loop is asked what no rig shows, its programs can be so ill-conditioned that the order of a sum is seen.
+"""
 RECORDED, ODD, SHOWN = 1000, 2000, 100
 """Periods of the recorded loop, of questions that no loop is asked, and of the test that goes with the unit."""
 
@@ -60,27 +59,38 @@ class UnitExport:
     by: str
     differences: Mapping[str, Mapping[str, float]]
     bytes: int
+    stack: int | None
+    """Bytes of the stack at most; None where the compiler is not gcc, which tells it."""
     periods: Mapping[str, int]
 
 
-def loop_in_python(rig: Rig, model: Model, settings: Mapping[str, Any]) -> PythonLoop:
-    """Estimator and controller of a rig from the parameters of the nodes, the estimator's with the prefix estimator.
+def loop_in_python(rig: Rig, model: Model, settings: Mapping[str, Any], network: Policy | None = None) -> PythonLoop:
+    """Estimator and controller of a rig from the parameters of the nodes. settings: some of the controller's. network:
+    the policy that drives, if it is not read from the folder that they name.
 
     Raises UserError for a method, a solver or a model that can't be printed.
     """
-    values, given = defaults(rig, "estimator"), defaults(rig, "controller") | dict(settings)
+    values = defaults(rig, "estimator")
+    given = defaults(rig, "controller") | {"policy": "exact"} | dict(settings) | {"lockstep": True}
     if METHODS[values["method"]] is not ExtendedKalmanFilter:
         raise UserError(f"export: the estimator's method {values['method']} can't be printed as C; set method to ekf")
-    if given["solver"] != "exact":
-        raise UserError(f"export: the solver {given['solver']} can't be printed as C; set solver to exact")
+    if given["solver"] != "sqp" or given["policy"] == "network":
+        raise UserError(
+            f"export: solver {given['solver']} with policy {given['policy']} can't be printed as C: give solver sqp "
+            "and policy exact or supervised"
+        )
     model = estimator_model(rig, model)
-    system = controller_model(rig, model.system)
     tuning = estimator_tuning(values, rig, model.system)
-    mpc = ExactMpc(system, mpc_problem(given, rig, system), real_time=given["real_time"])
+    made = controller_of(rig, model, given, network=network)
+    inner = made.controller.controller if isinstance(made.controller, Cascade) else made.controller
+    mpc = made.supervisor.mpc if made.supervisor else inner
+    if not isinstance(mpc, ExactMpc):
+        raise UserError(f"export: a {type(inner).__name__} can't be printed as C; give the exact MPC or a supervisor")
     return PythonLoop(
         estimator=ExtendedKalmanFilter(model.system, tuning, period=1.0 / values["rate"], latency=given["latency"]),
-        controller=wrap_for_rig(rig, system, mpc),
+        controller=made.controller,
         mpc=mpc,
+        supervisor=made.supervisor,
         command=np.array([actuator.rest for actuator in rig.actuators]),
     )
 
@@ -92,13 +102,16 @@ def export_loop(
     *,
     settings: Mapping[str, Any],
     seal: str,
+    network: Policy | None = None,
+    policy_seal: str = "",
     source: Path | None = None,
     periods: int = RECORDED,
     more: int = ODD,
     overwrite: bool = False,
 ) -> UnitExport:
-    """Write a loop as a C unit. settings: parameters of the node controller. source: folder of DAQP's C, else the
-    package index is asked. periods, more: of the two replays.
+    """Write a loop as a C unit. settings: parameters of the node controller. network: the policy that drives, if it is
+    not in a folder that they name. policy_seal: its seal. source: folder of DAQP's C, else the package index is asked.
+    periods, more: of the two replays.
 
     Raises UserError for what can't be printed, without a C compiler, and where the unit answers otherwise than Python.
     """
@@ -111,8 +124,8 @@ def export_loop(
             "gcc). policy export and model export work without one"
         )
     name = unit_name(rig.name)
-    python = loop_in_python(rig, model, settings)
-    loop = unit.loop_of(rig, python.estimator, python.mpc)
+    python = loop_in_python(rig, model, settings, network)
+    loop = unit.loop_of(rig, python.estimator, python.mpc, python.supervisor)
     printer = unit.translated(loop, python.estimator._arrays, name, single=False)
     solver = daqp(source)
     about = {
@@ -124,6 +137,8 @@ def export_loop(
         f"{python.mpc.horizon} intervals of {python.mpc.period:g} s",
         "solver": f"DAQP {version('daqp')} (MIT)",
     }
+    if python.supervisor is not None:
+        about["policy"] = policy_seal
     with written_folder(out, marker=MANIFEST) as partial:
         copy_to(solver, partial / "daqp")
         title = f"The loop of {rig.name}: its estimator and its exact MPC"
@@ -132,13 +147,17 @@ def export_loop(
             (partial / file).write_text(text, encoding="utf-8")
         questions, answers = recorded(rig, python, periods)
         with TemporaryDirectory(dir=partial.parent) as scratch:
-            made = BuiltUnit(build(by, partial, name, Path(scratch)), name, **_sizes(loop))
+            flags = stack_use.FLAGS if compiler.is_gcc(by) else ()
+            made = BuiltUnit(build(by, partial, name, Path(scratch), flags=flags), name, **_sizes(loop))
+            calls = [f"{name}_{call}" for call in ("step", "prepare", "reset")]
+            stack = stack_use.most_bytes(Path(scratch), calls) if flags else None
             differences = _compared(python, made, questions, answers, more)
         done = UnitExport(
             name=name,
             by=f"{by} {' '.join((*FLAGS, *WARNINGS))}",
             differences=differences,
             bytes=made.bytes,
+            stack=stack,
             periods={"recorded": periods, "odd": more},
         )
         _write_rest(partial, done, loop, python, title=title, about=about, questions=questions, answers=answers)
@@ -148,6 +167,7 @@ def export_loop(
             "name": name,
             "seal": seal,
             "bytes": made.bytes,
+            "stack": stack,
             "checked_by": done.by,
             "largest_differences": {key: dict(value) for key, value in differences.items()},
             "periods": dict(done.periods),
@@ -157,6 +177,15 @@ def export_loop(
         }
         (partial / MANIFEST).write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return done
+
+
+def export_given(model: Model, folder: Path, *, policy: Policy | None, policy_seal: str, overwrite: bool) -> None:
+    """:func:`export_loop` of objects in memory, in real time."""
+    settings = {"real_time": True} | ({} if policy is None else {"policy": "supervised"})
+    export_loop(
+        load_rig(model.rig), model, folder, settings=settings, seal=model.seal, network=policy, policy_seal=policy_seal,
+        overwrite=overwrite,
+    )  # fmt: skip
 
 
 def unit_name(rig: str) -> str:
@@ -186,10 +215,10 @@ def _compared(
         found["odd"] = largest_difference(answers_of(made, others, period), answers_of(python, others, period))
     for kind, parts in found.items():
         worst = max(parts, key=lambda name: parts[name])
-        if not parts[worst] <= TOLERANCE:
+        if not parts[worst] <= TOLERANCE[kind]:
             raise UserError(
                 f"export: the unit's {worst} differs by {parts[worst]:.3g} from Python's in the {kind} loop, more than "
-                f"{TOLERANCE:g}; nothing is written: report this"
+                f"{TOLERANCE[kind]:g}; nothing is written: report this"
             )
     return found
 
@@ -215,9 +244,13 @@ def _write_rest(
         "about_lines": "\n".join(f"- {key}: {value}" for key, value in about.items()),
         "periods": len(rows),
         "table": ",\n".join(rows),
-        "tolerance": number(TOLERANCE),
+        "tolerance": number(TOLERANCE["recorded"]),
         "period": number(python.estimator.period),
         "bytes": done.bytes,
+        "stack": ""
+        if done.stack is None
+        else f"Its calls take {done.stack} bytes of the stack at most (-O2 on the "
+        "machine of the export, without those of the C library's tanh and sin). ",
         "more": "",
         "definitions": "",
         "checks": "\n".join(

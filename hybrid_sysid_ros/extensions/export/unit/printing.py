@@ -166,6 +166,8 @@ class Printer:
                 return f"{self.translator.pointer(kind, place)}{name}"
             case StructureValue(type=kind):
                 return f"{kind} {name}"
+            case LaneValues():
+                return f"const {self.translator.type_of(REAL)} *{name}"
         return f"{self.translator.type_of(value.kind)} {name}"
 
     def _variable(self, name: str, value: Any) -> str:

@@ -11,8 +11,9 @@ import numpy as np
 
 from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.controller import Status
+from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
-from hybrid_sysid_ros.extensions.export.unit import loop_kernels as kernels
+from hybrid_sysid_ros.extensions.export.unit import printed_loop as statuses
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -20,10 +21,12 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 STATUSES = {
-    Status.SOLVED: kernels.SOLVED,
-    Status.ITERATED: kernels.ITERATED,
-    Status.NOT_CONVERGED: kernels.NOT_CONVERGED,
-    Status.FAILED: kernels.FAILED,
+    Status.SOLVED: statuses.SOLVED,
+    Status.ITERATED: statuses.ITERATED,
+    Status.NOT_CONVERGED: statuses.NOT_CONVERGED,
+    Status.FAILED: statuses.FAILED,
+    Status.POLICY: statuses.POLICY,
+    Status.HELD: statuses.HELD,
 }
 WILD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 1e6, -1e6)
 """Readings and inputs that no rig has."""
@@ -54,6 +57,7 @@ class PythonLoop:
     estimator: ExtendedKalmanFilter
     controller: Controller
     mpc: ExactMpc
+    supervisor: Supervisor | None
     command: Array
 
     def reset(self) -> None:
@@ -61,7 +65,7 @@ class PythonLoop:
         self.estimator.reset()
         self.controller.reset()
         self._answer = PeriodAnswer(
-            kernels.WAITING, self.command, *(np.zeros(len(self.mpc.system.states)) for _ in range(2)),
+            statuses.WAITING, self.command, *(np.zeros(len(self.mpc.system.states)) for _ in range(2)),
             np.zeros(len(self.command)),
         )  # fmt: skip
 
@@ -73,7 +77,7 @@ class PythonLoop:
             if self.estimator._started:
                 estimate = self.estimator._look()
             else:
-                self._answer = self._answer._replace(status=kernels.WAITING)
+                self._answer = self._answer._replace(status=statuses.WAITING)
                 return self._answer
         plan = self.controller.control(estimate.ahead, estimate.disturbance, self.command, preview)
         self.command = plan.input
@@ -83,7 +87,7 @@ class PythonLoop:
 
     def prepare(self, elapsed: float) -> None:
         """Prepare for the next period."""
-        if self._answer.status != kernels.WAITING:
+        if self._answer.status != statuses.WAITING:
             self.controller.prepare(elapsed)
 
 

@@ -165,7 +165,7 @@ def parameter(name: str, value: Value) -> Value:
         case RecordValue(kind=kind):
             return RecordValue(kind, name, Origin(name))
         case LaneValues(count=count):
-            return ArrayView(REAL, (count,), name, Origin(name))
+            return LaneValues(count, f"{name}[lane]")
         case StructureValue(type=kind, names=names, kinds=kinds):
             return StructureValue(kind, names, kinds, name)
     raise cannot(f"an argument {value}", name)

@@ -10,6 +10,8 @@ from hybrid_sysid_ros.control.mpc.horizon import PROGRESS as SOLUTION
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.quadratic_program import SOFT, TOLERANCE
+from hybrid_sysid_ros.control.policy.kernels import FEATURES, PLACES, TRACKED
+from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.wrappers import Stabilised
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
@@ -17,7 +19,13 @@ from hybrid_sysid_ros.estimation.belief import CHANNEL, CORE, MOMENT, READING
 from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.unit import loop_kernels as kernels
 from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout
-from hybrid_sysid_ros.extensions.export.unit.loop_kernels import PROGRESS, InitialStates, LoopNumbers, PrintedLoop
+from hybrid_sysid_ros.extensions.export.unit.printed_loop import (
+    PROGRESS,
+    InitialStates,
+    LoopNumbers,
+    PrintedLoop,
+    Supervision,
+)
 from hybrid_sysid_ros.extensions.export.unit.printing import Printer, layout_of
 from hybrid_sysid_ros.extensions.export.unit.translator import Translator
 from hybrid_sysid_ros.extensions.export.unit.values import REAL, KnownValue, NumberValue, literal
@@ -30,7 +38,7 @@ RECORDS = [(CORE, "core"), (CHANNEL, "channel"), (MOMENT, "moment"), (READING, "
 RECORDS += [(SOLUTION, "solution"), (PROGRESS, "progress")]
 
 
-def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc) -> PrintedLoop:
+def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor: Supervisor | None) -> PrintedLoop:
     """The objects of a loop, all of them as before its first measurement.
 
     Raises UserError for what has no translation yet.
@@ -47,7 +55,7 @@ def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc) -> Printed
     mpc.reset()
     progress = np.zeros(1, PROGRESS)
     progress["cold"], progress["last"] = 1, np.nan
-    _, instance = new_instance(system, mpc.problem)
+    flat, instance = new_instance(system, mpc.problem)
     followed, m = len(tuning.followed), len(system.inputs)
     offsets = np.zeros((followed, m)) if estimator._offsets is None else np.array(estimator._offsets)
     named = system.named
@@ -84,7 +92,40 @@ def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc) -> Printed
         gains=np.array(mpc.system.gains) if isinstance(mpc.system, Stabilised) else np.zeros((0, len(system.states))),
         low=np.array(rig.limits[0], dtype=float),
         high=np.array(rig.limits[1], dtype=float),
+        supervision=None if supervisor is None else _supervision(supervisor, flat),
     )
+
+
+def _supervision(supervisor: Supervisor, flat: Array) -> Supervision:
+    policy, (m, n) = supervisor.policy, (supervisor.policy.inputs, supervisor.policy.states)
+    return Supervision(
+        policy=tuple(policy.packed),
+        limits=supervisor._limits,
+        patience=int(supervisor._patience),
+        noise=float(supervisor._noise),
+        steps=bool(supervisor._steps),
+        near=np.broadcast_to(supervisor._step, (m,)).copy(),
+        flat=flat,
+        inputs=np.full((policy.horizon, m), np.nan),
+        states=np.zeros((policy.horizon + 1, n)),
+        cost=np.full(1, np.inf),
+        kept_inputs=np.zeros((policy.horizon, m)),
+        kept_states=np.zeros((policy.horizon + 1, n)),
+        kept_disturbance=np.zeros(m),
+    )
+
+
+def _widest(loop: PrintedLoop) -> dict[str, int]:
+    """Sizes of scratch memory that are smaller than for any policy."""
+    if loop.supervision is None:
+        return {}
+    sizes, first = loop.supervision.policy[0], PLACES + int(loop.supervision.policy[0][TRACKED])
+    widths = [int(sizes[FEATURES]), len(loop.supervision.flat)]
+    while first < len(sizes):
+        depth = int(sizes[first])
+        widths += [(int(width) + 7) // 8 * 8 for width in sizes[first + 1 : first + 2 + depth]]
+        first += 2 + depth
+    return {"WIDEST": max(widths)}
 
 
 def affine_initial_states(system: System) -> tuple[Array, Array, Array]:
@@ -114,7 +155,7 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
     while True:
         layout = layout_of(RECORDS, mutable)
         _name_arrays(layout, loop, arrays)
-        translator = Translator(layout, rig, "f" if single else "", {})
+        translator = Translator(layout, rig, "f" if single else "", _widest(loop))
         translator.call(kernels.run_period, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
         translator.call(kernels.look_forward, [KnownValue(loop), NumberValue(REAL, "elapsed")])  # type: ignore[arg-type]
         translator.call(kernels.begin_again, [KnownValue(loop)])  # type: ignore[arg-type]
@@ -125,6 +166,7 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
             *("outputs", "applied", "plan", "command", "instance", "P", "out"),
             *(f"program_{name}" for name in solver),
         )
+        layout.used = {name for item in translator.functions.values() for name in item.arrays}
         for name in owned:
             if name in layout.places:  # there may be no rows
                 layout.places[name].write()
@@ -143,6 +185,10 @@ def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Arra
     layout.add("instance", loop.instance.state)
     layout.add("initial", loop.initial)
     layout.add("belief", arrays)
+    if loop.supervision is not None:
+        layout.add("policy_numbers", loop.supervision.policy[1])
+        layout.add("check_disturbance", loop.supervision.limits[0])
+        layout.add("policy", loop.supervision)
     layout.add("model", loop.prediction)
     layout.add("horizon", loop.horizon)
     layout.add("program", loop.program)

@@ -37,7 +37,9 @@ enum @{name}_status {
     @{NAME}_SOLVED, /* the optimum, to tolerance */
     @{NAME}_ITERATED, /* one real-time iteration towards the optimum */
     @{NAME}_NOT_CONVERGED, /* the last iterate, within the bounds */
-    @{NAME}_FAILED /* no solution: the rest of the last plan, or the last command */
+    @{NAME}_FAILED, /* no solution: the rest of the last plan, or the last command */
+    @{NAME}_POLICY, /* the policy's plan, which has passed the check */
+    @{NAME}_HELD /* neither a policy nor a plan: the last command */
 };
 
 /* inputs: always finite and within their bounds. state: estimated at the measurement. ahead: when the command acts.
