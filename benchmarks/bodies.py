@@ -1,0 +1,118 @@
+"""Bodies of the same loop: what the C unit of each rig answers beside Python, how large it is, how long a step takes.
+
+Of each rig's shipped model, estimator and exact MPC in real time, and of the beam with its policy, a loop of PERIODS is
+recorded in Python and replayed in C. Differences and sizes don't depend on the machine's load; times do.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from benchmarks import result
+from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.extensions.export import compiler
+from hybrid_sysid_ros.extensions.export.unit.built import BuiltUnit, build
+from hybrid_sysid_ros.extensions.export.unit.folder import export_loop, loop_in_python
+from hybrid_sysid_ros.extensions.export.unit.replay import largest_difference, recorded
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support.errors import UserError
+
+NAME = "bodies"
+RIGS = ("cam_beam", "drill_string", "flexible_joint", "wheel_motor", "winged_cone")
+PERIODS = 1000
+ASKED = {"difference": 1e-9, "step_p99": 60e-6, "image": 300_000, "export": 30.0}
+"""Largest difference, and for the beam the p99 of a step [s], bytes of its image and the time of its export [s]."""
+BEAM = "cam_beam, supervised"
+
+
+def body(rig_name: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Differences, sizes and times of one loop in C. Raises UserError where it can't be exported."""
+    rig, model = load(rig_name), load_model(shipped(rig_name, "model"))
+    by = compiler.found()
+    assert by is not None
+    with TemporaryDirectory() as scratch:
+        folder, into = Path(scratch) / "unit", Path(scratch) / "built"
+        into.mkdir()
+        began = perf_counter()
+        done = export_loop(rig, model, folder, settings=settings, seal="", periods=PERIODS)
+        took = perf_counter() - began
+        library = build(by, folder, done.name, into)
+        python = loop_in_python(rig, model, settings)
+        questions, answers = recorded(rig, python, PERIODS)
+        n, m = len(answers[0].state), len(answers[0].inputs)
+        horizon, outputs = questions[0].preview.shape
+        made = BuiltUnit(library, done.name, states=n, inputs=m, outputs=outputs, horizon=horizon)
+        times, found = [], []
+        for question in questions:
+            began = perf_counter()
+            found.append(made.step(*question[:4]))
+            made.prepare(python.estimator.period)
+            times.append(perf_counter() - began)
+        sections = _sections([*into.glob("*.o")])
+    return {
+        "difference": max(largest_difference(found, answers).values()),
+        "odd": max(done.differences["odd"].values()),
+        "statuses": {str(key): sum(answer.status == key for answer in found) for key in {a.status for a in found}},
+        "memory": made.bytes,
+        "stack": done.stack,
+        "image": sections,
+        "export": took,
+        "step_p50": float(np.percentile(times, 50)),
+        "step_p99": float(np.percentile(times, 99)),
+    }
+
+
+def _sections(objects: list[Path]) -> float:
+    """Bytes of code and constants of object files; NaN where size is not installed."""
+    if shutil.which("size") is None:
+        return math.nan
+    lines = subprocess.run(["size", *map(str, objects)], capture_output=True, text=True, check=True).stdout
+    rows = [line.split() for line in lines.splitlines()[1:]]
+    return float(sum(int(row[0]) + int(row[1]) for row in rows))
+
+
+def main() -> int:
+    """Run, print the table, write the results."""
+    machine, found = result.machine(), dict[str, Any]()
+    cases: dict[str, tuple[str, dict[str, Any]]] = {name: (name, {"real_time": True}) for name in RIGS}
+    cases[BEAM] = "cam_beam", {"real_time": True, "policy": "supervised"}
+    shown = Table(
+        "loop", "difference", "odd", "memory [kB]", "stack [kB]", "image [kB]", "step p50, p99 [us]", "export [s]",
+        title=f"Loops in C: {PERIODS} recorded periods beside Python",
+    )  # fmt: skip
+    for name, (rig, settings) in cases.items():
+        try:
+            found[name] = row = body(rig, settings)
+        except UserError as error:
+            found[name] = {"refused": str(error)}
+            print(f"{name}: {error}")
+            continue
+        shown.add_row(
+            name,
+            *(f"{row[key]:.1e}" for key in ("difference", "odd")),
+            *(f"{row[key] / 1e3:.1f}" if row[key] is not None else "-" for key in ("memory", "stack", "image")),
+            f"{1e6 * row['step_p50']:.0f}, {1e6 * row['step_p99']:.0f}",
+            f"{row['export']:.1f}",
+        )
+    print_table(shown)
+    short = [name for name, row in found.items() if not row.get("difference", math.inf) <= ASKED["difference"]]
+    beam = found[BEAM]
+    short += [key for key in ("step_p99", "image", "export") if not beam.get(key, math.inf) <= ASKED[key]]
+    print(f"short: {', '.join(short) or 'none'}")
+    print(result.write(NAME, {"loops": found, "asked": ASKED, "short": len(short)}, on=machine))
+    return 0
+
+
+if __name__ == "__main__":
+    result.run(main)

@@ -1,0 +1,101 @@
+"""hybrid-sysid export loop: a loop in C answers as in Python, and what can't be printed is refused by its name."""
+
+import json
+import os
+import subprocess
+
+import numpy as np
+import pytest
+
+import hybrid_sysid_ros as hs
+from hybrid_sysid_ros.extensions.export import compiler
+from hybrid_sysid_ros.extensions.export.unit import daqp_source, folder, stack_use
+from hybrid_sysid_ros.extensions.export.unit.unit import affine_initial_states
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support.errors import UserError
+
+COMPILER = compiler.found() or ""
+needs_compiler = pytest.mark.skipif(not COMPILER, reason="needs a C compiler: cc, gcc or clang")
+
+
+def beam():
+    return load_rig("cam_beam"), hs.load_model(shipped("cam_beam", "model"))
+
+
+def test_without_a_compiler_it_says_what_still_works(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiler, "found", lambda: None)
+    with pytest.raises(UserError, match=r"no C compiler \(cc, gcc, clang\).*policy export and model export work"):
+        folder.export_loop(*beam(), tmp_path / "unit", settings={}, seal="")
+    assert not (tmp_path / "unit").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "what"), [({"solver": "ipopt"}, "solver ipopt"), ({"policy": "network"}, "policy network")]
+)
+def test_a_controller_that_can_t_be_printed_is_named(settings, what):
+    with pytest.raises(UserError, match=f"export: .*{what} can't be printed as C"):
+        folder.loop_in_python(*beam(), settings)
+
+
+def test_a_folder_that_is_not_daqp_s_is_refused(tmp_path):
+    with pytest.raises(UserError, match="has no csrc/src, csrc/include and LICENSE of DAQP"):
+        daqp_source.daqp(tmp_path)
+
+
+def test_the_network_is_not_asked_for_ever(tmp_path, monkeypatch):
+    monkeypatch.setattr(daqp_source, "folder", lambda *name: tmp_path)
+    monkeypatch.setattr(
+        daqp_source.subprocess, "run", lambda command, **more: subprocess.CompletedProcess(command, 1, "", "no route")
+    )
+    with pytest.raises(UserError, match=r"can't be fetched \(no route\); unpack daqp-.*tar.gz .* with --daqp"):
+        daqp_source.daqp()
+
+
+def test_initial_states_are_those_of_the_record_map():
+    system = beam()[1].system
+    offset, by_outputs, by_inputs = affine_initial_states(system)
+    y, u = np.array([0.3]), np.array([-1.0])
+    states = system.record_map().states_from_record(y[None], np.zeros((1, 1)), u[None])[0]
+    np.testing.assert_allclose(offset + by_outputs @ y + by_inputs @ u, states, atol=1e-12)
+
+
+def test_a_function_that_calls_itself_has_no_bound(tmp_path):
+    node = 'node: {{ title: "{0}" label: "{0}\\nunit.c:1:1\\n{1} bytes (static)" }}'
+    edge = 'edge: {{ sourcename: "{0}" targetname: "{1}" label: "unit.c:2:2" }}'
+    lines = [node.format("step", 32), node.format("unit.c:solve", 64), node.format("unit.c:show", 100)]
+    lines += [edge.format("step", "unit.c:solve"), edge.format("step", "unit.c:show")]
+    (tmp_path / "unit.ci").write_text("\n".join(lines))
+    assert stack_use.most_bytes(tmp_path, ["step"]) == 132
+    (tmp_path / "more.ci").write_text(edge.format("unit.c:show", "step"))
+    with pytest.raises(UserError, match="step calls itself: step -> show -> step"):
+        stack_use.most_bytes(tmp_path, ["step"])
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.parametrize("driver", ["exact", "supervised"])
+def test_the_beam_s_loop_in_c_is_that_of_python(tmp_path, driver):
+    """With the sanitizers, and as C++."""
+    done = folder.export_loop(*beam(), tmp_path / "unit", settings={"real_time": True, "policy": driver}, seal="s")
+    assert max(done.differences["recorded"].values()) < 1e-9
+    written = json.loads((tmp_path / "unit" / "export.json").read_text())
+    assert written["largest_differences"]["recorded"] == done.differences["recorded"]
+    unit, name = tmp_path / "unit", done.name
+    daqp = [str(path) for path in (unit / "daqp").glob("*.c")]
+    renamed = [f"-Dmalloc={name}_allocate", f"-Dcalloc={name}_allocate_zeros", f"-Dfree={name}_release"]
+    common = ["-I", str(unit), "-I", str(unit / "daqp"), "-g"]
+    sanitized = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    for path in daqp:
+        subprocess.run([COMPILER, "-w", "-O1", *sanitized, *renamed, *common, "-c", path], cwd=tmp_path, check=True)
+    own = [str(unit / f"{name}.c"), str(unit / f"{name}_test.c")]
+    objects = [str(path) for path in tmp_path.glob("*.o")]
+    subprocess.run([COMPILER, "-std=c99", "-O1", *sanitized, *common, *own, *objects, "-lm"], cwd=tmp_path, check=True)
+    ran = subprocess.run([str(tmp_path / "a.out")], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
+    assert f"0 of {folder.SHOWN} periods wrong" in ran.stdout
+    as_cpp = [COMPILER, "-x", "c++", "-std=c++11", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", *common, own[0]]
+    assert os.path.exists(own[0])
+    subprocess.run(as_cpp, check=True)
+    symbols = subprocess.run(["nm", "-u", *objects], capture_output=True, text=True, check=True).stdout
+    assert not {"malloc", "calloc", "realloc", "free"} & {line.split()[-1] for line in symbols.splitlines() if line}
