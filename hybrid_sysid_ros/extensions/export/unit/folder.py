@@ -150,7 +150,7 @@ def export_loop(
             flags = stack_use.FLAGS if compiler.is_gcc(by) else ()
             made = BuiltUnit(build(by, partial, name, Path(scratch), flags=flags), name, **_sizes(loop))
             calls = [f"{name}_{call}" for call in ("step", "prepare", "reset")]
-            stack = stack_use.most_bytes(Path(scratch), calls) if flags else None
+            stack = stack_use.most_bytes(Path(scratch), calls, constraints=unit.most_active(loop)) if flags else None
             differences = _compared(python, made, questions, answers, more)
         done = UnitExport(
             name=name,

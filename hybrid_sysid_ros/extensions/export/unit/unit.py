@@ -186,6 +186,7 @@ def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Arra
     layout.add("initial", loop.initial)
     layout.add("belief", arrays)
     if loop.supervision is not None:
+        layout.add("policy_sizes", loop.supervision.policy[0])
         layout.add("policy_numbers", loop.supervision.policy[1])
         layout.add("check_disturbance", loop.supervision.limits[0])
         layout.add("policy", loop.supervision)
@@ -237,6 +238,11 @@ def texts(
         f"{rig}{ending}": Text((UNIT_TEMPLATES / f"loop{ending}").read_text(encoding="utf-8")).substitute(values)
         for ending in (".h", ".c")
     }
+
+
+def most_active(loop: PrintedLoop) -> int:
+    """How many constraints can be active in the solver: one for each variable and each soft constraint."""
+    return len(loop.program.gradient) + int(np.sum(loop.program.states & SOFT != 0)) + 1
 
 
 def _arena(variables: int, rows: int, soft: int) -> int:
