@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import Overwrite, console
-from hybrid_sysid_ros.extensions.export.unit.folder import MANIFEST, TOLERANCE, export_loop
+from hybrid_sysid_ros.extensions.export.unit.folder import MANIFEST, export_loop
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -43,7 +43,7 @@ def command(
     for kind, parts in done.differences.items():
         console.print(
             f"{out / done.name}.c: {done.periods[kind]} {kind} periods as in Python, inputs to {parts['inputs']:.1e} "
-            f"(tolerance {TOLERANCE[kind]:g}; {done.by})"
+            f"(tolerance {done.tolerances[kind]:g}; {done.by})"
         )
     stack = "" if done.stack is None else f", its calls take {done.stack} bytes of the stack at most"
     console.print(f"{out / done.name}.h: its memory has {done.bytes} bytes{stack}; README.md says how it is called")

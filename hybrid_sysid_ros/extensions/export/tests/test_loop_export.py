@@ -78,7 +78,7 @@ def test_a_function_that_calls_itself_has_no_bound(tmp_path):
 def test_the_beam_s_loop_in_c_is_that_of_python(tmp_path, driver):
     """With the sanitizers, and as C++."""
     done = folder.export_loop(*beam(), tmp_path / "unit", settings={"real_time": True, "policy": driver}, seal="s")
-    assert max(done.differences["recorded"].values()) < 1e-9
+    assert max(done.differences["recorded"].values()) <= (1e-9 if driver == "exact" else 1e-6)
     written = json.loads((tmp_path / "unit" / "export.json").read_text())
     assert written["largest_differences"]["recorded"] == done.differences["recorded"]
     unit, name = tmp_path / "unit", done.name
