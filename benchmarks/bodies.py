@@ -21,7 +21,8 @@ from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.unit.built import BuiltUnit, build
-from hybrid_sysid_ros.extensions.export.unit.folder import export_loop, loop_in_python
+from hybrid_sysid_ros.extensions.export.unit.folder import export_loop
+from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.replay import largest_difference, recorded
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load

@@ -23,6 +23,7 @@ def command(
         bool, typer.Option("--real-time/--converged", help="One iteration in a period, or as many as it takes.")
     ] = True,
     policy: Annotated[Path | None, typer.Option(help="Policy folder: it drives while it passes the check.")] = None,
+    single: Annotated[bool, typer.Option("--single", help="Floats in place of doubles.")] = False,
     daqp: Annotated[Path | None, typer.Option(help="Folder of DAQP's C sources, without network.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -38,6 +39,7 @@ def command(
         policy_seal="" if policy is None else storage.digest(policy, kind="policy"),
         seal=storage.digest(model, kind="model"),
         source=daqp,
+        single=single,
         overwrite=overwrite,
     )
     for kind, parts in done.differences.items():

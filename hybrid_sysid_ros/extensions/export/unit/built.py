@@ -62,12 +62,15 @@ def _run(command: list[str], what: str) -> None:
 class BuiltUnit:
     """Calls a unit's library."""
 
-    def __init__(self, library: Path, name: str, *, states: int, inputs: int, outputs: int, horizon: int) -> None:
-        number = ctypes.c_double
+    def __init__(
+        self, library: Path, name: str, *, states: int, inputs: int, outputs: int, horizon: int, single: bool = False
+    ) -> None:
+        """single: its numbers are floats."""
+        number = ctypes.c_float if single else ctypes.c_double
         self._size = outputs, inputs, horizon * outputs
 
         class Measurement(ctypes.Structure):
-            _fields_ = (("time", number), ("outputs", number * outputs), ("applied", number * inputs))
+            _fields_ = (("time", ctypes.c_double), ("outputs", number * outputs), ("applied", number * inputs))
 
         class Command(ctypes.Structure):
             _fields_ = (
@@ -79,7 +82,7 @@ class BuiltUnit:
             )
 
         self._measurement, self._command = Measurement(), Command()
-        self._preview = np.zeros(horizon * outputs)
+        self._preview = np.zeros(horizon * outputs, np.float32 if single else np.float64)
         loaded = ctypes.CDLL(str(library))
         self._step, self._reset = getattr(loaded, f"{name}_step"), getattr(loaded, f"{name}_reset")
         self._prepare = getattr(loaded, f"{name}_prepare")
@@ -88,7 +91,7 @@ class BuiltUnit:
         size.restype = ctypes.c_size_t
         self.bytes: int = size()
         """Bytes of its memory."""
-        self._memory = (number * (self.bytes // 8 + 1))()
+        self._memory = (ctypes.c_double * (self.bytes // 8 + 1))()
         if not getattr(loaded, f"{name}_init")(ctypes.byref(self._memory)):
             raise UserError(f"{name}.c: the memory of its solver is too small; report this")
         self.reset()

@@ -14,30 +14,26 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control import ExactMpc
-from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.estimation import METHODS, ExtendedKalmanFilter
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.c_source import Text, number
 from hybrid_sysid_ros.extensions.export.unit import stack_use, unit
 from hybrid_sysid_ros.extensions.export.unit.built import FLAGS, WARNINGS, BuiltUnit, build
 from hybrid_sysid_ros.extensions.export.unit.daqp_source import copy_to, daqp
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import PrintedLoop
+from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop, loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.replay import (
     PeriodAnswer,
     PeriodQuestion,
-    PythonLoop,
     answers_of,
     largest_difference,
     odd,
     recorded,
 )
+from hybrid_sysid_ros.extensions.export.unit.values import literal
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime.configuration import defaults, estimator_model, estimator_tuning
-from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder, sha256, written_folder
 
@@ -48,6 +44,11 @@ TOLERANCE, LOOSE = 1e-9, 1e-6
 holds where a loop is asked what no rig shows, and where the exact MPC iterates to convergence: its answers are defined
 to its tolerance of the residual (1e-6), within which the order of a sum decides.
 """
+ROUNDING = 1e-6
+"""By which a float may be beyond its bound."""
+OF_FLOATS = 1e-3
+"""That of floats, which is no check of the translation."""
+SINGLE = ("-DDAQP_SINGLE_PRECISION",)
 RECORDED, ODD, SHOWN = 1000, 2000, 100
 """Periods of the recorded loop, of questions that no loop is asked, and of the test that goes with the unit."""
 
@@ -68,37 +69,6 @@ class UnitExport:
     periods: Mapping[str, int]
 
 
-def loop_in_python(rig: Rig, model: Model, settings: Mapping[str, Any], network: Policy | None = None) -> PythonLoop:
-    """Estimator and controller of a rig from the parameters of the nodes. settings: some of the controller's. network:
-    the policy that drives, if it is not read from the folder that they name.
-
-    Raises UserError for a method, a solver or a model that can't be printed.
-    """
-    values = defaults(rig, "estimator")
-    given = defaults(rig, "controller") | {"policy": "exact"} | dict(settings) | {"lockstep": True}
-    if METHODS[values["method"]] is not ExtendedKalmanFilter:
-        raise UserError(f"export: the estimator's method {values['method']} can't be printed as C; set method to ekf")
-    if given["solver"] != "sqp" or given["policy"] == "network":
-        raise UserError(
-            f"export: solver {given['solver']} with policy {given['policy']} can't be printed as C: give solver sqp "
-            "and policy exact or supervised"
-        )
-    model = estimator_model(rig, model)
-    tuning = estimator_tuning(values, rig, model.system)
-    made = controller_of(rig, model, given, network=network)
-    inner = made.controller.controller if isinstance(made.controller, Cascade) else made.controller
-    mpc = made.supervisor.mpc if made.supervisor else inner
-    if not isinstance(mpc, ExactMpc):
-        raise UserError(f"export: a {type(inner).__name__} can't be printed as C; give the exact MPC or a supervisor")
-    return PythonLoop(
-        estimator=ExtendedKalmanFilter(model.system, tuning, period=1.0 / values["rate"], latency=given["latency"]),
-        controller=made.controller,
-        mpc=mpc,
-        supervisor=made.supervisor,
-        command=np.array([actuator.rest for actuator in rig.actuators]),
-    )
-
-
 def export_loop(
     rig: Rig,
     model: Model,
@@ -109,13 +79,14 @@ def export_loop(
     network: Policy | None = None,
     policy_seal: str = "",
     source: Path | None = None,
+    single: bool = False,
     periods: int = RECORDED,
     more: int = ODD,
     overwrite: bool = False,
 ) -> UnitExport:
     """Write a loop as a C unit. settings: parameters of the node controller. network: the policy that drives, if it is
     not in a folder that they name. policy_seal: its seal. source: folder of DAQP's C, else the package index is asked.
-    periods, more: of the two replays.
+    single: with floats in place of doubles. periods, more: of the two replays.
 
     Raises UserError for what can't be printed, without a C compiler, and where the unit answers otherwise than Python.
     """
@@ -130,13 +101,14 @@ def export_loop(
     name = unit_name(rig.name)
     python = loop_in_python(rig, model, settings, network)
     loop = unit.loop_of(rig, python.estimator, python.mpc, python.supervisor)
-    printer = unit.translated(loop, python.estimator._arrays, name, single=False)
+    printer = unit.translated(loop, python.estimator._arrays, name, single=single)
     solver = daqp(source)
     about = {
         "made_by": f"hybrid_sysid_ros {version('hybrid_sysid_ros')}",
         "rig": rig.name,
         "model": f"{model.structure}, {seal}",
         "estimator": f"extended Kalman filter, every {python.estimator.period:g} s",
+        "numbers": "float" if single else "double",
         "controller": f"exact MPC{', one real-time iteration a period' if python.mpc.real_time else ''}; "
         f"{python.mpc.horizon} intervals of {python.mpc.period:g} s",
         "solver": f"DAQP {version('daqp')} (MIT)",
@@ -152,20 +124,22 @@ def export_loop(
         questions, answers = recorded(rig, python, periods)
         with TemporaryDirectory(dir=partial.parent) as scratch:
             flags = stack_use.FLAGS if compiler.is_gcc(by) else ()
-            made = BuiltUnit(build(by, partial, name, Path(scratch), flags=flags), name, **_sizes(loop))
+            library = build(by, partial, name, Path(scratch), flags=(*flags, *(SINGLE if single else ())))
+            made = BuiltUnit(library, name, **_sizes(loop), single=single)
             calls = [f"{name}_{call}" for call in ("step", "prepare", "reset")]
             stack = stack_use.most_bytes(Path(scratch), calls, constraints=unit.most_active(loop)) if flags else None
-            differences = _compared(python, made, questions, answers, more)
+            differences = _compared(python, made, questions, answers, more, single=single)
         done = UnitExport(
             name=name,
             by=f"{by} {' '.join((*FLAGS, *WARNINGS))}",
             differences=differences,
-            tolerances={kind: tolerance_of(python, kind) for kind in differences},
+            tolerances={kind: tolerance_of(python, kind, single=single) for kind in differences},
             bytes=made.bytes,
             stack=stack,
             periods={"recorded": periods, "odd": more},
         )
-        _write_rest(partial, done, loop, python, title=title, about=about, questions=questions, answers=answers)
+        shown = list(zip(questions[:SHOWN], answers[:SHOWN], strict=True))
+        _write_rest(partial, done, python, title=title, about=about, single=single, shown=shown)
         content = {
             "format": FORMAT,
             **about,
@@ -193,8 +167,10 @@ def export_given(model: Model, folder: Path, *, policy: Policy | None, policy_se
     )  # fmt: skip
 
 
-def tolerance_of(python: PythonLoop, kind: str) -> float:
+def tolerance_of(python: PythonLoop, kind: str, *, single: bool = False) -> float:
     """The tolerance of a replay."""
+    if single:
+        return OF_FLOATS
     return TOLERANCE if kind == "recorded" and python.mpc.real_time and python.supervisor is None else LOOSE
 
 
@@ -216,16 +192,23 @@ def _compared(
     questions: Sequence[PeriodQuestion],
     answers: Sequence[PeriodAnswer],
     more: int,
+    *,
+    single: bool,
 ) -> dict[str, dict[str, float]]:
-    """Largest differences. Raises UserError where one is above the tolerance."""
+    """Largest differences. Raises UserError where one is above the tolerance, or an input leaves its bounds."""
     period = python.estimator.period
     found = {"recorded": largest_difference(answers_of(made, questions, period), answers)}
+    if single:
+        found["recorded"]["status"] = 0.0  # rounding decides which side of a threshold a number is on
     others = list(odd(questions, more, period=period))
     if others:
-        found["odd"] = largest_difference(answers_of(made, others, period), answers_of(python, others, period))
+        odd_answers = answers_of(made, others, period)
+        _check_bounds(python, odd_answers)
+        if not single:
+            found["odd"] = largest_difference(odd_answers, answers_of(python, others, period))
     for kind, parts in found.items():
         worst = max(parts, key=lambda name: parts[name])
-        tolerance = tolerance_of(python, kind)
+        tolerance = tolerance_of(python, kind, single=single)
         if not parts[worst] <= tolerance:
             raise UserError(
                 f"export: the unit's {worst} differs by {parts[worst]:.3g} from Python's in the {kind} loop, more than "
@@ -234,19 +217,27 @@ def _compared(
     return found
 
 
+def _check_bounds(python: PythonLoop, answers: Sequence[PeriodAnswer]) -> None:
+    """Raise UserError for an input that is no number or leaves its bounds."""
+    low, high = python.limits
+    for answer in answers:
+        if not np.all((answer.inputs >= low - ROUNDING) & (answer.inputs <= high + ROUNDING)):
+            raise UserError(f"export: the unit answers {answer.inputs}, beyond its bounds; nothing is written")
+
+
 def _write_rest(
     folder: Path,
     done: UnitExport,
-    loop: PrintedLoop,
     python: PythonLoop,
     *,
     title: str,
     about: Mapping[str, str],
-    questions: Sequence[PeriodQuestion],
-    answers: Sequence[PeriodAnswer],
+    single: bool,
+    shown: Sequence[tuple[PeriodQuestion, PeriodAnswer]],
 ) -> None:
     """Write the test with its vectors, CMakeLists.txt and README.md."""
-    rows = [_row(question, answer) for question, answer in zip(questions[:SHOWN], answers[:SHOWN], strict=True)]
+    suffix = "f" if single else ""
+    rows = [_row(question, answer, suffix) for question, answer in shown]
     values = {
         "name": done.name,
         "NAME": done.name.upper(),
@@ -255,15 +246,15 @@ def _write_rest(
         "about_lines": "\n".join(f"- {key}: {value}" for key, value in about.items()),
         "periods": len(rows),
         "table": ",\n".join(rows),
-        "tolerance": number(tolerance_of(python, "recorded")),
-        "period": number(python.estimator.period),
+        "tolerance": number(done.tolerances["recorded"]),
+        "period": literal(python.estimator.period, suffix),
         "bytes": done.bytes,
         "stack": ""
         if done.stack is None
         else f"Its calls take {done.stack} bytes of the stack at most (-O2 on the "
         "machine of the export, without those of the C library's tanh and sin). ",
         "more": "",
-        "definitions": "",
+        "definitions": "DAQP_SINGLE_PRECISION" if single else "",
         "checks": "\n".join(
             f"- {done.periods[kind]} {kind} periods: largest difference of the inputs {parts['inputs']:.1e}, of the "
             f"states {parts['state']:.1e}"
@@ -279,9 +270,9 @@ def _write_rest(
         (folder / target).write_text(text, encoding="utf-8")
 
 
-def _row(question: PeriodQuestion, answer: PeriodAnswer) -> str:
+def _row(question: PeriodQuestion, answer: PeriodAnswer, suffix: str) -> str:
     def listed(values: Any) -> str:
-        return "{" + ", ".join(number(value) for value in np.ravel(values)) + "}"
+        return "{" + ", ".join(literal(float(value), suffix) for value in np.ravel(values)) + "}"
 
     measurement = f"{{{number(question.time)}, {listed(question.outputs)}, {listed(question.applied)}}}"
     row = f"{{{measurement}, {{{listed(question.preview)}}}, {answer.status}, {listed(answer.inputs)}}}"

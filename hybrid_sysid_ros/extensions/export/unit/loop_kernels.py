@@ -109,6 +109,24 @@ def _solve_meanwhile(loop: PrintedLoop) -> None:
     progress.status, progress.unsolved = status, 0
 
 
+def rebase(loop: PrintedLoop) -> float:
+    """Count time, and the integrals of inputs, from the newest measurement on; return its time until now [s]."""
+    progress = loop.progress[0]
+    cores, _, moments, _, inputs = loop.memory
+    by, last = progress.newest, inputs.shape[0] - 1
+    for k in range(cores[0].count):
+        moments[k].time -= by
+    for i in range(inputs.shape[0]):
+        inputs[i, 0] -= by
+    for j in range(1, inputs.shape[1]):
+        whole = inputs[last, j]
+        for i in range(inputs.shape[0]):
+            inputs[i, j] -= whole
+    progress.newest = 0.0
+    progress.last -= by
+    return by
+
+
 def begin_again(loop: PrintedLoop) -> None:
     """Forget the past; the last command holds."""
     progress, core = loop.progress[0], loop.memory[0][0]

@@ -4,30 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from hybrid_sysid_ros.control import Controller, ExactMpc
-from hybrid_sysid_ros.control.controller import Status
-from hybrid_sysid_ros.control.safety.supervisor import Supervisor
-from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
-from hybrid_sysid_ros.extensions.export.unit import printed_loop as statuses
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
+from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
 
-STATUSES = {
-    Status.SOLVED: statuses.SOLVED,
-    Status.ITERATED: statuses.ITERATED,
-    Status.NOT_CONVERGED: statuses.NOT_CONVERGED,
-    Status.FAILED: statuses.FAILED,
-    Status.POLICY: statuses.POLICY,
-    Status.HELD: statuses.HELD,
-}
 WILD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 1e6, -1e6)
 """Readings and inputs that no rig has."""
 
@@ -48,47 +34,6 @@ class Stepped(Protocol):
     def reset(self) -> None: ...
     def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer: ...
     def prepare(self, elapsed: float) -> None: ...
-
-
-@dataclass(kw_only=True, eq=False)
-class PythonLoop:
-    """The loop in Python: its estimator and controller. mpc: the one in the controller, without a time limit."""
-
-    estimator: ExtendedKalmanFilter
-    controller: Controller
-    mpc: ExactMpc
-    supervisor: Supervisor | None
-    command: Array
-
-    def reset(self) -> None:
-        """Forget the past; the last command holds."""
-        self.estimator.reset()
-        self.controller.reset()
-        self._answer = PeriodAnswer(
-            statuses.WAITING, self.command, *(np.zeros(len(self.mpc.system.states)) for _ in range(2)),
-            np.zeros(len(self.command)),
-        )  # fmt: skip
-
-    def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer:
-        """A period: outputs (p,), applied inputs (m,), preview (N, p)."""
-        try:
-            estimate = self.estimator.update(time, outputs, applied)
-        except UserError:
-            if self.estimator._started:
-                estimate = self.estimator._look()
-            else:
-                self._answer = self._answer._replace(status=statuses.WAITING)
-                return self._answer
-        plan = self.controller.control(estimate.ahead, estimate.disturbance, self.command, preview)
-        self.command = plan.input
-        status = STATUSES[plan.status]
-        self._answer = PeriodAnswer(status, plan.input, estimate.state, estimate.ahead, estimate.disturbance)
-        return self._answer
-
-    def prepare(self, elapsed: float) -> None:
-        """Prepare for the next period."""
-        if self._answer.status != statuses.WAITING:
-            self.controller.prepare(elapsed)
 
 
 def recorded(

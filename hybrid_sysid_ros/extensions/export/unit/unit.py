@@ -158,6 +158,8 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
         translator = Translator(layout, rig, "f" if single else "", _widest(loop))
         translator.call(kernels.run_period, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
         translator.call(kernels.look_forward, [KnownValue(loop), NumberValue(REAL, "elapsed")])  # type: ignore[arg-type]
+        if single:
+            translator.call(kernels.rebase, [KnownValue(loop)])  # type: ignore[arg-type]
         translator.call(kernels.begin_again, [KnownValue(loop)])  # type: ignore[arg-type]
         if not layout.complete:
             continue
@@ -228,9 +230,11 @@ def texts(
         "variables": variables,
         "constraints": variables + rows,
         "rows": "    unit->problem.A = unit->program_rows;" if rows else "    unit->problem.A = NULL;",
-        "tolerance": literal(TOLERANCE, translator.suffix),
+        "tolerance": literal(max(TOLERANCE, 1e-6) if translator.suffix else TOLERANCE, translator.suffix),
+        "single": "#ifndef DAQP_SINGLE_PRECISION\n#define DAQP_SINGLE_PRECISION\n#endif\n" if translator.suffix else "",
+        "rebase": _rebased(printer) if translator.suffix else "",
         "soft": soft_lines,
-        "step": printer.entry(kernels.run_period, "measurement->time"),
+        "step": printer.entry(kernels.run_period, f"({rig}_real)(measurement->time - unit->origin)"),
         "prepare": printer.entry(kernels.look_forward, "elapsed"),
         "reset": printer.entry(kernels.begin_again, ""),
     }
@@ -238,6 +242,17 @@ def texts(
         f"{rig}{ending}": Text((UNIT_TEMPLATES / f"loop{ending}").read_text(encoding="utf-8")).substitute(values)
         for ending in (".h", ".c")
     }
+
+
+def _rebased(printer: Printer) -> str:
+    """Lines that count time from the newest measurement on: a float that counts hours can't tell milliseconds."""
+    return (
+        "    if (unit->progress[0].started) {\n"
+        f"        unit->origin += (double){printer.entry(kernels.rebase, '')};\n"
+        "    } else if (isfinite(measurement->time)) {\n"
+        "        unit->origin = measurement->time;\n"
+        "    }\n"
+    )
 
 
 def most_active(loop: PrintedLoop) -> int:

@@ -134,7 +134,7 @@ void @{name}_step(
     memcpy(unit->outputs, measurement->outputs, sizeof unit->outputs);
     memcpy(unit->applied, measurement->applied, sizeof unit->applied);
     memcpy(unit->instance + @preview, reference->outputs, sizeof reference->outputs);
-    @step;
+@rebase    @step;
     memcpy(command->inputs, unit->command, sizeof command->inputs);
     command->status = unit->progress[0].status;
     memcpy(command->state, unit->out, sizeof command->state);

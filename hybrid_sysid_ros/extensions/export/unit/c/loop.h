@@ -5,7 +5,7 @@
 #ifndef @{NAME}_H
 #define @{NAME}_H
 
-#include "api.h"
+@single#include "api.h"
 
 #include <stddef.h>
 
@@ -22,7 +22,7 @@ typedef @real @{name}_real;
 
 /* outputs: readings of the sensors, NAN where one is missing. applied: mean inputs since the measurement before. */
 typedef struct {
-    @real time; /* [s] */
+    double time; /* [s] */
     @{name}_real outputs[@{NAME}_OUTPUTS];
     @{name}_real applied[@{NAME}_INPUTS];
 } @{name}_measurement;
@@ -62,6 +62,7 @@ typedef struct {
     DAQPResult result;
     @{name}_real arena[@arena];
     int used;
+    double origin; /* from which floats count time [s] */
 } @{name}_memory;
 
 /* Bytes of the memory. */
