@@ -104,7 +104,8 @@ class BuiltUnit:
         """A period: outputs (p,), applied inputs (m,), preview (N, p)."""
         self._measurement.time = time
         self._measurement.outputs[:], self._measurement.applied[:] = outputs.tolist(), applied.tolist()
-        self._preview[:] = np.ravel(preview)
+        with np.errstate(over="ignore"):  # no float is 1e300
+            self._preview[:] = np.ravel(preview)
         given: Any = self._preview.ctypes.data
         self._step(
             ctypes.byref(self._memory),
