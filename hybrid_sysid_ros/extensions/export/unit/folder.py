@@ -47,7 +47,7 @@ to its tolerance of the residual (1e-6), within which the order of a sum decides
 ROUNDING = 1e-6
 """By which a float may be beyond its bound."""
 OF_FLOATS = 1e-2
-"""That of floats, which is no check of the translation: a plan that is kept or solved anew by a threshold may differ."""
+"""That of floats, which is no check of the translation: a threshold may keep one plan and solve another one anew."""
 SINGLE = ("-DDAQP_SINGLE_PRECISION",)
 RECORDED, ODD, SHOWN = 1000, 2000, 100
 """Periods of the recorded loop, of questions that no loop is asked, and of the test that goes with the unit."""
