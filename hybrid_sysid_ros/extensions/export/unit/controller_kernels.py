@@ -7,7 +7,8 @@ import math
 from hybrid_sysid_ros.control.mpc.linearisation import assign
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.shooting import follow, plan_within, prepare_program, solve_call
-from hybrid_sysid_ros.control.safety.supervisor import ACCEPTED, IMPROVED, TIME_ROUNDING, check
+from hybrid_sysid_ros.control.safety import supervisor
+from hybrid_sysid_ros.control.safety.supervisor import ACCEPTED, IMPROVED, TIME_ROUNDING
 from hybrid_sysid_ros.control.safety.supervisor import WAITING as UNCHECKED
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import (
     FAILED,
@@ -72,7 +73,7 @@ def _checked(loop: PrintedLoop, own: Supervision) -> int:
     progress = loop.progress[0]
     if progress.cold != 0:
         return UNCHECKED
-    reason = check(
+    reason = supervisor.check(
         own.policy, loop.prediction, loop.horizon, loop.instance, own.flat, own.limits, own.inputs, own.states, own.cost
     )
     if own.steps and reason == ACCEPTED and progress.waiting == 0:
