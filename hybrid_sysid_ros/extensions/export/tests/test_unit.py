@@ -82,6 +82,21 @@ def test_a_function_in_c_answers_as_in_python(tmp_path, x):
     np.testing.assert_array_equal(found, expected)
 
 
+def chosen(x, more, out):
+    for i in range(out.shape[0]):
+        out[i] = x[i] if i < x.shape[0] else more[i - x.shape[0]]
+    for i in range(more.shape[0]):
+        more[i] = 1.0
+
+
+def test_an_array_without_elements_is_never_read(tmp_path):
+    vector, empty = ArrayView(REAL, (3,), "", Origin("x")), ArrayView(REAL, (0,), "0", Origin("nothing"))
+    _, text = translated(chosen, [vector, empty, vector])
+    (tmp_path / "unit.c").write_text(text)
+    subprocess.run([COMPILER, "-Wall", "-Wno-unused-function", "-Werror", "-c", "unit.c"], cwd=tmp_path, check=True)
+    assert "for (int i = 0; i < 3; i++) {\n        out[i] = i < 3 ? x[i] : 0;" in text
+
+
 def test_what_can_t_be_translated_is_named():
     def kernel(x):
         return {item: item for item in x}

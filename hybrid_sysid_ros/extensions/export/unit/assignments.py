@@ -205,6 +205,8 @@ class Assignments(Expressions):
         assert isinstance(view, ArrayView)
         view.place.write()
         match target:
+            case NumberValue(text="0"):
+                pass  # an array without elements
             case NumberValue():
                 self.line(f"{target.text} = {self._as(target, value)};")
             case RecordValue() if isinstance(value, RecordValue):

@@ -35,6 +35,10 @@ if TYPE_CHECKING:
     pass
 
 
+NOTHING = "0"
+"""What stands for an element that there is not."""
+
+
 class Expressions(Operations):
     """Evaluates expressions of a function."""
 
@@ -165,7 +169,9 @@ class Expressions(Operations):
         return KnownValue(found.item()) if isinstance(found, np.generic) else self.known(found)
 
     def part(self, of: ArrayView, given: list[Value]) -> Value:
-        """An element or a row of a view."""
+        """An element or a row of a view; 0 for an element of an array without any, which no call ever reaches."""
+        if 0 in of.shape and len(given) == len(of.shape) and isinstance(of.kind, str):
+            return NumberValue(of.kind, NOTHING)
         at: Value = KnownValue(0)
         for axis, index in enumerate(given):
             length = of.shape[axis]

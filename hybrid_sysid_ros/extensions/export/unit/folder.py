@@ -118,7 +118,7 @@ def export_loop(
     with written_folder(out, marker=MANIFEST) as partial:
         copy_to(solver, partial / "daqp")
         title = f"The loop of {rig.name}: its estimator and its exact MPC"
-        texts = unit.texts(printer, loop, title=title, about=about, soft=python.mpc.shooting.memory[-1])
+        texts = unit.texts(printer, loop, title=title, about=about, seal=seal, soft=python.mpc.shooting.memory[-1])
         for file, text in texts.items():
             (partial / file).write_text(text, encoding="utf-8")
         questions, answers = recorded(rig, python, periods)

@@ -198,9 +198,15 @@ def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Arra
 
 
 def texts(
-    printer: Printer, loop: PrintedLoop, *, title: str, about: dict[str, str], soft: tuple[Array, Array] | None
+    printer: Printer,
+    loop: PrintedLoop,
+    *,
+    title: str,
+    about: dict[str, str],
+    seal: str,
+    soft: tuple[Array, Array] | None,
 ) -> dict[str, str]:
-    """The texts of NAME.h and NAME.c. soft: weights of soft constraints, square and linear."""
+    """The texts of NAME.h and NAME.c. seal: of the model. soft: weights of soft constraints, square and linear."""
     translator, rig, program, instance = printer.translator, printer.rig, loop.program, loop.instance
     horizon, p = instance.preview.shape
     n, m = len(instance.state), len(instance.previous)
@@ -212,6 +218,7 @@ def texts(
         "name": rig,
         "NAME": rig.upper(),
         "title": title,
+        "seal": seal,
         "about": "\n".join(f" * {key}: {value}" for key, value in about.items()),
         "real": "float" if translator.suffix else "double",
         "states": n,

@@ -9,6 +9,7 @@
 
 #include <stddef.h>
 
+#define @{NAME}_MODEL "@seal" /* the seal of the model; another one needs another unit */
 #define @{NAME}_STATES @states
 #define @{NAME}_INPUTS @inputs
 #define @{NAME}_OUTPUTS @outputs
