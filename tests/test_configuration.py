@@ -48,6 +48,23 @@ def test_limits_of_a_rig_are_those_of_its_mpc(limited: Rig) -> None:
     assert (own.rate_limits, own.state_high) == ((math.inf,), (math.inf, math.inf))
 
 
+def test_the_section_mpc_of_a_file_adds_terms_and_riccati_s_cost(rig: Rig) -> None:
+    values = configuration.defaults("cam_beam", "controller")
+
+    def with_section(**given: object) -> Rig:
+        return dataclasses.replace(rig, content={**rig.content, "mpc": given})
+
+    problem = configuration.mpc_problem(values, with_section(terms={"calm": {"value": "velocity", "weight": 2.0}}))
+    assert [term.name for term in problem.terms] == ["calm"]
+    ended = configuration.mpc_problem(values, with_section(riccati_at=0.01))
+    assert ended.terms
+    assert all(term.final and term.name.startswith("riccati") for term in ended.terms)
+    for wrong, said in (({"riccati": 0.01}, "unknown key 'riccati'"), ({"riccati_at": "here"}, "mpc: riccati_at")):
+        with pytest.raises(UserError, match=said) as refused:
+            configuration.mpc_problem(values, with_section(**wrong))
+        assert str(rig.file) in str(refused.value)
+
+
 def test_own_limits_come_before_those_of_the_rig(limited: Rig) -> None:
     values = configuration.defaults("cam_beam", "controller") | {"limits": "rig"}
     values |= {"state_high": [0.1, 1e9], "input_rate": [10.0]}

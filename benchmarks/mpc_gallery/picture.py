@@ -35,8 +35,10 @@ def draw(path: Path, answers: Mapping[str, tuple[Case, Array]]) -> Path:
 
 
 def _panel(title: str, case: Case, states: Array, left: int, top: int) -> list[str]:
-    known = {item.name: (item.unit, states[:, k]) for k, item in enumerate(case.system.states)}
-    known[""] = ("s", case.problem.period * np.arange(len(states)))
+    known: dict[str, tuple[str, Array]] = {
+        item.name: (item.unit, states[:, k]) for k, item in enumerate(case.system.states)
+    }
+    known[""] = ("s", case.problem.period * np.arange(len(states), dtype=np.float64))
     (unit, x), (other, y) = (known[name] for name in case.drawn)
     right = EDGE + (WIDTH - 2 * EDGE) * (x - x.min()) / np.ptp(x)
     down = EDGE + (HEIGHT - 2 * EDGE) * (y.max() - y) / np.ptp(y)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Controller, MpcSolution
+from hybrid_sysid_ros.control.controller import Controller, MpcSolution, assign_stages
 from hybrid_sysid_ros.core.wrappers import Stabilised
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -34,6 +36,10 @@ class Cascade:
         self.controller.reset()
         self._plan: MpcSolution | None = None
         self._age, self._fresh = 0.0, False
+
+    def assign(self, **values: Any) -> None:
+        """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.assign`."""
+        assign_stages(self.controller, values)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. The plan contains the stabiliser's part along

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 
 class Status(Enum):
@@ -48,6 +50,14 @@ def held(previous: Array, problem: ControlProblem, status: Status) -> MpcSolutio
     """The previous inputs (m,) within their bounds over the whole horizon; 0 or the nearest bound for NaN."""
     last = np.clip(np.where(np.isfinite(previous), previous, 0.0), problem.input_low, problem.input_high)
     return MpcSolution(last, np.tile(last, (problem.horizon, 1)), np.zeros((0, len(problem.state_low))), status)
+
+
+def assign_stages(controller: object, values: Mapping[str, Any]) -> None:
+    """Give parameters of the stages to a controller within another. Raises UserError for one that has none."""
+    assign = getattr(controller, "assign", None)
+    if assign is None:
+        raise UserError(f"mpc: {type(controller).__name__} has no stage parameters, but was given {', '.join(values)}")
+    assign(**values)
 
 
 class Controller(Protocol):

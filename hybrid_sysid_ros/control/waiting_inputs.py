@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Controller, MpcSolution
+from hybrid_sysid_ros.control.controller import Controller, MpcSolution, assign_stages
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.rollout import step_with_jacobian
 from hybrid_sysid_ros.support.arrays import Array
@@ -36,6 +37,10 @@ class WaitingInputs:
         self.controller.reset()
         self._given: deque[tuple[float, Array]] = deque()
         self._time = 0.0
+
+    def assign(self, **values: Any) -> None:
+        """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.assign`."""
+        assign_stages(self.controller, values)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`; the plan's input is that which is due now."""

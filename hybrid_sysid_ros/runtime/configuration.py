@@ -22,6 +22,7 @@ from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, fee
 from hybrid_sysid_ros.estimation import SensorChannel, Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime import mpc_section
 from hybrid_sysid_ros.runtime.limits import FREE, input_rates, least_prices, state_bounds
 from hybrid_sysid_ros.runtime.parameters import (
     TRAINED,
@@ -34,7 +35,7 @@ from hybrid_sysid_ros.runtime.parameters import (
 )
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
+from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
     "CAMERA", "TRAINED", "NodeParameter", "SetPointRange", "check_rules", "check_tolerances", "controller_model",
@@ -48,8 +49,6 @@ OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 AT_FIRST = 10.0
 """Initial deviation of an offset, in units of its drift in one second: as much as it drifts in 100 s."""
-DECLARED = ("terms", "stage_parameters", "final_output_weights")
-"""Fields of the problem that the section mpc of a rig's file declares."""
 NONE = 1e9
 """A bound of a state that is at least this large counts as no bound."""
 RESUME_SECONDS = 1.0
@@ -177,7 +176,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     prices = tuple(max(price, least.get(item.name, 0.0)) for price, item in zip(prices, system.states, strict=True))
     rates = input_rates(of_inputs("input_rate"), rig if kept and not isinstance(system, Stabilised) else None)
     low, high = rig.limits
-    problem = ControlProblem(
+    plain = ControlProblem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=_substeps(values, system),
@@ -195,14 +194,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         soft_linear=of_states("soft_linear", 0.0),
         soft_quadratic=prices,
     )
-    further = section(rig.content, "mpc", str(rig.file))
-    if not further:
-        return problem.sized(system)
-    try:
-        refuse_unknown(further, DECLARED, "mpc")
-        return replace(problem, **further).sized(system)
-    except UserError as error:
-        raise UserError(f"{rig.file}: {error}") from error
+    return mpc_section.declared(rig, system, plain)
 
 
 def _substeps(values: Mapping[str, Any], system: System) -> int:

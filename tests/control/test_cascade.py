@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import ControlProblem, ExactMpc, MpcSolution, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, MpcSolution, StageTerm, Status
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.scenarios import steady_motion
 from hybrid_sysid_ros.core import RungeKutta, System, simulate
 from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised
+from hybrid_sysid_ros.support.errors import UserError
 from tests.upright import GAINS, Upright
 
 SAMPLE, PERIOD, HORIZON = 0.02, 0.5, 8
@@ -49,6 +50,26 @@ def stabilised() -> Stabilised:
 
 def asked(cascade: Cascade, state: np.ndarray, previous: float = 0.0) -> MpcSolution:
     return cascade.control(state, np.zeros(1), np.array([previous]), np.zeros((HORIZON, 1)))
+
+
+def test_parameters_of_the_stages_reach_the_controller_and_are_refused_where_there_are_none(stabilised):
+    inner = ExactMpc(
+        stabilised,
+        ControlProblem(
+            horizon=HORIZON,
+            period=PERIOD,
+            substeps=10,
+            output_weights=(1.0,),
+            input_low=(-4.0,),
+            input_high=(4.0,),
+            terms=(StageTerm(name="bounded", value=f"{stabilised.inputs[0].name} - most", high=0.0),),
+            stage_parameters=(("most", (3.0,)),),
+        ),
+    )
+    Cascade(inner, stabilised, LIMITS).assign(most=1.0)
+    np.testing.assert_array_equal(inner.shooting.prediction.stage, 1.0)
+    with pytest.raises(UserError, match="Asked has no stage parameters, but was given most"):
+        Cascade(Asked(), stabilised, LIMITS).assign(most=1.0)
 
 
 def test_the_controller_is_asked_once_a_period_and_prepares_once(stabilised):

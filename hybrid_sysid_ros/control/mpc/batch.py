@@ -237,10 +237,10 @@ def in_threads(
 ) -> Iterator[Any]:
     """Results of work in their order, each made with the memory of a thread. threads: 0 for one per core.
 
-    Raises UserError for fewer.
+    Raises UserError for another number.
     """
-    if threads < 0:
-        raise UserError(f"threads is {threads}; it must be at least 1, or 0 for one per core")
+    if not isinstance(threads, int) or threads < 0:
+        raise UserError(f"threads is {threads!r}; give a whole number from 1 on, or 0 for one per core")
     count = threads or os.cpu_count() or 1
     free: queue.SimpleQueue[HorizonMemory] = queue.SimpleQueue()
     for _ in range(count):
