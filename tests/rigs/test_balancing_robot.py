@@ -167,11 +167,11 @@ class Pushed(Plant):
     def advance(self, inputs):
         super().advance(inputs)
         if round(self.time / self.step) == 2000:
-            system, lean = self.rig.system, np.cos(self.state[0])
-            rotors, moment = 2.0 * (system.drive_inertia - 0.5 * WHEEL * R**2), M * system.height
-            coupling, inertia = moment * lean - rotors / R, moment * system.height + system.tilt_inertia + rotors
-            mass = [[M + 2 * WHEEL + 2 * system.drive_inertia / R**2, coupling], [coupling, inertia]]
-            self.state[[2, 3]] += np.linalg.solve(mass, [PUSH, PUSH * lean * system.height])
+            told, lean = self.rig.system.named, float(np.cos(self.state[0]))
+            rotors, moment = 2.0 * (told["drive_inertia"] - 0.5 * WHEEL * R**2), M * told["height"]
+            coupling, inertia = moment * lean - rotors / R, moment * told["height"] + told["tilt_inertia"] + rotors
+            mass = np.array([[M + 2 * WHEEL + 2 * told["drive_inertia"] / R**2, coupling], [coupling, inertia]])
+            self.state[2:4] += np.linalg.solve(mass, np.array([PUSH, PUSH * lean * told["height"]]))
 
 
 def test_its_feedback_stands_up_to_a_push(rig):
