@@ -11,6 +11,7 @@ import pytest
 from scipy import linalg
 
 from hybrid_sysid_ros.control import ExactMpc
+from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.core import simulate, step_with_jacobian
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -206,3 +207,11 @@ def test_the_shipped_model_knows_the_rig(rig):
     model = load_model(configuration.shipped(rig.name, "model"))
     for name, value in model.system.named.items():
         assert value == pytest.approx(rig.system.named[name], rel=0.25 if name in LOOSE else 0.1), name
+
+
+def test_the_shipped_policy_belongs_to_rig_and_model(rig):
+    model = load_model(configuration.shipped(rig.name, "model"))
+    shipped = policy.load(configuration.shipped(rig.name, "policy"), model=model)
+    values = configuration.defaults(rig.name, "controller")
+    assert shipped.problem == configuration.mpc_problem(values, rig, model.system)
+    assert shipped.certificate is not None
