@@ -48,6 +48,7 @@ ROUNDING = 1e-6
 """By which a float may be beyond its bound."""
 OF_FLOATS = 1e-2
 """That of floats, which is no check of the translation: a threshold may keep one plan and solve another one anew."""
+SAME = "command.status == periods[k].status;"
 SINGLE = ("-DDAQP_SINGLE_PRECISION",)
 RECORDED, ODD, SHOWN = 1000, 2000, 100
 """Periods of the recorded loop, of questions that no loop is asked, and of the test that goes with the unit."""
@@ -254,6 +255,7 @@ def _write_rest(
         else f"Its calls take {done.stack} bytes of the stack at most (-O2 on the "
         "machine of the export, without those of the C library's tanh and sin). ",
         "more": "",
+        "same": "1; /* which of two thresholds a float passes is rounding */" if single else SAME,
         "definitions": "DAQP_SINGLE_PRECISION" if single else "",
         "checks": "\n".join(
             f"- {done.periods[kind]} {kind} periods: largest difference of the inputs {parts['inputs']:.1e}, of the "

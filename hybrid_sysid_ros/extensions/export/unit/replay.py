@@ -15,7 +15,9 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 
 WILD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 1e6, -1e6)
-"""Readings and inputs that no rig has."""
+"""Readings and references that no rig has."""
+UNKNOWN = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)
+"""Applied inputs that no rig has. A million volts move an unstable rig to 1e60, where rounding decides the sign."""
 
 
 class PeriodQuestion(NamedTuple):
@@ -68,9 +70,9 @@ def odd(questions: Sequence[PeriodQuestion], count: int, *, period: float, seed:
         outputs, applied, preview = own.outputs.copy(), own.applied.copy(), own.preview.copy()
         if kind == 5:
             outputs[:] = np.nan
-        for target, at in ((outputs, (6, 7)), (applied, (8, 9)), (preview, (10,))):
+        for target, at, wild in ((outputs, (6, 7), WILD), (applied, (8, 9), UNKNOWN), (preview, (10,), WILD)):
             if kind in at:
-                target.flat[random.integers(target.size)] = random.choice(WILD)
+                target.flat[random.integers(target.size)] = random.choice(wild)
         if kind == 11:
             outputs += random.normal(size=outputs.shape)
         stamp = math.nan if kind == 12 else time

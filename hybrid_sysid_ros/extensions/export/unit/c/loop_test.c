@@ -35,7 +35,7 @@ int main(void)
 
         @{name}_step(&memory, &periods[k].measurement, &periods[k].reference, &command);
         @{name}_prepare(&memory, @period);
-        equal = command.status == periods[k].status;
+        equal = @same
         for (j = 0; j < @{NAME}_INPUTS; j++) {
             double difference = fabs((double)(command.inputs[j] - periods[k].inputs[j]));
 
