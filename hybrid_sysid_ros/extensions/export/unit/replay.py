@@ -17,7 +17,7 @@ from hybrid_sysid_ros.support.arrays import Array
 WILD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 1e6, -1e6)
 """Readings and references that no rig has."""
 UNKNOWN = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)
-"""Applied inputs that no rig has. A million volts move an unstable rig to 1e60, where rounding decides the sign."""
+"""Applied inputs that no rig has. A million moves an unstable rig to 1e60, where rounding decides the sign."""
 
 
 class PeriodQuestion(NamedTuple):
@@ -90,9 +90,11 @@ def answers_of(loop: Stepped, questions: Sequence[PeriodQuestion], period: float
     return found
 
 
-def largest_difference(one: Sequence[PeriodAnswer], other: Sequence[PeriodAnswer]) -> dict[str, float]:
+def largest_difference(
+    one: Sequence[PeriodAnswer], other: Sequence[PeriodAnswer], *, share: float = 1.0
+) -> dict[str, float]:
     """The largest difference of each part, relative above 1; infinite where one is a number alone or has another
-    status.
+    status. share: of the periods whose inputs count, those that are nearest.
     """
     found: dict[str, Any] = {}
     for name in PeriodAnswer._fields[1:]:
@@ -100,6 +102,7 @@ def largest_difference(one: Sequence[PeriodAnswer], other: Sequence[PeriodAnswer
         same = (a == b) | (np.isnan(a) & np.isnan(b))
         with np.errstate(invalid="ignore"):
             apart = np.where(same, 0.0, np.abs(a - b) / np.maximum(np.abs(b), 1.0))
-        found[name] = float(np.max(np.where(np.isnan(apart), np.inf, apart), initial=0.0))
+        worst = np.sort(np.max(np.where(np.isnan(apart), np.inf, apart), axis=1, initial=0.0))
+        found[name] = float(worst[math.ceil((share if name == "inputs" else 1.0) * len(worst)) - 1])
     unlike = sum(a.status != b.status for a, b in zip(one, other, strict=True))
     return found | {"status": math.inf if unlike else 0.0}
