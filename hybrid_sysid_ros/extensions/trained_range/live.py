@@ -59,4 +59,4 @@ class LiveRange:
 def live_range_of(model: Model, settings: Mapping[str, Any]) -> LiveRange | None:
     """The check for an estimator's model and parameters; None for a model without a trained range."""
     content = model.note("trained_range")
-    return LiveRange(model, TrainedRange.from_content(content), settings["rate"]) if content else None
+    return LiveRange(model, TrainedRange.from_content(content, model.system), settings["rate"]) if content else None

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from hybrid_sysid_ros.core import Recurrence, System
 from hybrid_sysid_ros.core.symbolic import symbolic_step
-from hybrid_sysid_ros.extensions.trained_range.motion import MotionScales
+from hybrid_sysid_ros.extensions.trained_range.motion import PER_OUTPUT, MotionScales
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -93,17 +93,35 @@ class TrainedRange:
         }
 
     @classmethod
-    def from_content(cls, content: Mapping[str, Any]) -> TrainedRange:
-        """What :attr:`content` made. Raises UserError where it is damaged."""
+    def from_content(cls, content: Mapping[str, Any], system: System) -> TrainedRange:
+        """What :attr:`content` made. Raises UserError where it is damaged, or of another system."""
         try:
             names = ("outputs", "inputs", "none", "places")
             arrays = {key: np.array(content[key], dtype=float) for key in names}
             first, second, third = (int(value) for value in content["samples"])
             typical = np.array([[int(part) for part in row.split()] for row in content["typical"]]) / DIGITS
             scales = MotionScales(**arrays, samples=(first, second, third))
-            return cls(scales=scales, typical=typical, reach=float(content["reach"]))
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            found, p, m = cls(scales=scales, typical=typical, reach=float(content["reach"])), *_channels(system)
+            sizes = {key: (m if key == "inputs" else p,) for key in names}
+            if any(arrays[key].shape != size for key, size in sizes.items()) or typical.shape[1:] != (
+                PER_OUTPUT * p + m,
+            ):
+                raise ValueError(f"it is not of {p} outputs and {m} inputs")
+            if not (0 < first < second < third <= LONGEST and third % 2 == 0 and len(typical)):
+                raise ValueError(f"its samples are {content['samples']}, its typical motions {len(typical)}")
+            scaled = np.concatenate([scales.outputs, scales.inputs, scales.none])
+            if not (
+                np.isfinite([*scaled, *scales.places, found.reach]).all() and scaled.min() > 0.0 and found.reach >= 0.0
+            ):
+                raise ValueError("a scale is no number above 0")
+            return found
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise UserError(f"fit.trained_range of the model is malformed ({error!r}); fit again") from error
+
+
+def _channels(system: System) -> tuple[int, int]:
+    """Number of outputs and inputs."""
+    return len(system.outputs), len(system.inputs)
 
 
 def noted(system: System, experiments: Sequence[PreparedRecord]) -> dict[str, Any] | None:

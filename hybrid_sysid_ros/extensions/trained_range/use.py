@@ -27,7 +27,7 @@ def checked(model: Model, experiment: PreparedRecord, run: Array) -> dict[str, A
     """
     if not (content := model.note("trained_range")):
         return None
-    trained, period = TrainedRange.from_content(content), experiment.sampling.period
+    trained, period = TrainedRange.from_content(content, model.system), experiment.sampling.period
     inputs, past = mean_inputs(experiment), trained.scales.samples[-1]
     if len(run) <= past:
         return None

@@ -22,7 +22,8 @@ def section(identification: IdentificationSection, closed_loop: ClosedLoopSectio
     content = identification.model.note("trained_range")
     if not content:
         return None
-    trained, system = TrainedRange.from_content(content), identification.model.system
+    system = identification.model.system
+    trained = TrainedRange.from_content(content, system)
     seconds = trained.scales.samples[-1] * identification.model.sampling.period
     figures = [
         _map(trained, identification, k, seconds)

@@ -115,9 +115,23 @@ def test_a_place_that_moves_nothing_is_as_good_as_another():
 
 def test_a_trained_range_is_kept_in_a_model_and_read_again():
     found = trained_on(wandering(1))
-    again = TrainedRange.from_content(json.loads(json.dumps(found.content)))
+    again = TrainedRange.from_content(json.loads(json.dumps(found.content)), Cart())
     y, u = (np.reshape(values, (-1, 1)) for values in wandering(3))
     np.testing.assert_allclose(found.distance(y, u), again.distance(y, u))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"reach": "far"}, {"reach": float("nan")}, {"reach": -1.0}, {"outputs": [1.0, 1.0]}, {"inputs": []},
+        {"samples": [2, 20]}, {"samples": [20, 2, 100]}, {"samples": [2, 20, 10**9]}, {"typical": []},
+        {"typical": ["1 2"]}, {"typical": [3]}, {"places": None}, {"reach": 10**400}, {"none": [0.0]},
+    ],
+)  # fmt: skip
+def test_a_trained_range_that_is_damaged_is_refused_in_a_line(damage):
+    content = trained_on(wandering(1)).content | damage
+    with pytest.raises(UserError, match=r"fit.trained_range of the model is malformed .*; fit again"):
+        TrainedRange.from_content(content, Cart())
 
 
 def test_evaluate_says_before_all_else_whether_a_model_was_trained_for_a_record(command, linear_model):
