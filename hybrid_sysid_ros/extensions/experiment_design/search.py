@@ -143,7 +143,7 @@ class Bench:
 
     def run(self, system: System, driving: Array) -> tuple[Array, Array]:
         """Inputs (steps, inputs) and outputs (steps + 1, outputs) of a system from rest."""
-        closed = looped(system, self.rig) if self.rig.experiments.loops else None
+        closed = looped(system, self.rig, self.sampling.step) if self.rig.experiments.loops else None
         used = closed or system
         starts, first = run_of(used, len(driving) + 1)
         with np.errstate(all="ignore"):

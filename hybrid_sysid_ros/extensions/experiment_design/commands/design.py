@@ -70,9 +70,12 @@ def command(
             raise UserError("--done says what a record has shown, and designs nothing: leave --out out")
         _show_gain(gained(known, described, read(done)), as_json)
         return
-    hertz = float(defaults(described, "plant")["rate"]) if rate is None else rate
-    if not 0.0 < hertz <= 1e5:
-        raise UserError(f"--rate {hertz:g} Hz: it must be above 0 and at most 1e5")
+    most = 1.0 / known.sampling.step
+    hertz = min(float(defaults(described, "plant")["rate"]), most) if rate is None else rate
+    if not 0.0 < hertz <= most * (1.0 + 1e-9):
+        raise UserError(
+            f"--rate {hertz:g} Hz: give more than 0 and at most {most:g}, since the model's step is no shorter"
+        )
     names = [name.strip() for name in parameters.split(",") if name.strip()]
     with progress_bars(status) as update:
         found = designed(

@@ -10,16 +10,19 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, simulate
+from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, rollouts, simulate
 from hybrid_sysid_ros.extensions.experiment_design import search
 from hybrid_sysid_ros.extensions.experiment_design.design import designed, expected
 from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
+from hybrid_sysid_ros.extensions.experiment_design.looped import looped
 from hybrid_sysid_ros.extensions.experiment_design.plan_folder import SIGNALS, save_plan
 from hybrid_sysid_ros.extensions.experiment_design.search import Bench
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.drivers import ExperimentLoop, Experiments
-from hybrid_sysid_ros.rigs.experiments import excitation
+from hybrid_sysid_ros.rigs.experiments import driven, excitation
+from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.rigs.sensor import Sensor
 from hybrid_sysid_ros.support.errors import UserError
 from tests.rigs.toys import rig_of
@@ -171,3 +174,22 @@ def test_an_experiment_goes_where_records_have_not_been() -> None:
     assert 0 < visited < 32
     assert new > 12
     assert found.inputs.min() < -0.5
+
+
+def test_a_designed_loop_knows_the_low_pass_that_it_feeds_back() -> None:
+    """Against the simulated beam, whose loop feeds a low-pass of sixth order back: its reference makes other inputs."""
+    rig = load_rig("cam_beam")
+    jumps = np.random.default_rng(0).uniform(-0.08, 0.08, 10).repeat(400)[:, None]
+    plant, inputs = Plant(rig, seed=0, noisy=False), []
+    for applied in driven(plant, jumps):
+        inputs.append(applied[0])
+    acted, driving = np.reshape(inputs, (-1, 5)).mean(axis=1), np.ascontiguousarray(jumps[::5])
+
+    def error(used: Rig) -> float:
+        loop = looped(rig.system, used, 0.005)
+        starts, first = search.run_of(loop, len(driving) + 1)
+        states, _ = rollouts(loop, starts, first, driving, step=0.005)
+        return float(np.std(loop.inputs_of(states[:-1], driving)[:, 0] - acted) / np.std(acted))
+
+    without = replace(rig, sensors=(replace(rig.sensors[0], low_pass=None),))
+    assert error(rig) < 0.2 < 0.4 < error(without)
