@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import Overwrite, console
-from hybrid_sysid_ros.extensions.export.unit.folder import MANIFEST, export_loop
+from hybrid_sysid_ros.extensions.export.unit.folder import MANIFEST, MOST, export_loop
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -43,8 +43,10 @@ def command(
         overwrite=overwrite,
     )
     for kind, parts in done.differences.items():
+        most = f" in {MOST:.0%} of them" if kind == "odd" else ""
         console.print(
-            f"{out / done.name}.c: {done.periods[kind]} {kind} periods as in Python, inputs to {parts['inputs']:.1e} "
+            f"{out / done.name}.c: {done.periods[kind]} {kind} periods as in Python, "
+            f"inputs{most} to {parts['inputs']:.1e} "
             f"(tolerance {done.tolerances[kind]:g}; {done.by})"
         )
     stack = "" if done.stack is None else f", its calls take {done.stack} bytes of the stack at most"

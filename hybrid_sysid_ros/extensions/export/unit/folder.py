@@ -49,9 +49,9 @@ ROUNDING = 1e-6
 OF_FLOATS = 1e-2
 """That of floats, which is no check of the translation: a threshold may keep one plan and solve another one anew."""
 SAME = "command.status == periods[k].status;"
-MOST = 0.99
-"""Share of the odd periods whose inputs must agree where solutions are iterated to convergence: from wild numbers an
-iterate can be led to another solution by rounding.
+MOST = 0.95
+"""Share of the odd periods whose inputs must agree. A cold start iterates to convergence, and rounding can lead it to
+another local solution, from which the periods behind it go on.
 """
 SINGLE = ("-DDAQP_SINGLE_PRECISION",)
 RECORDED, ODD, SHOWN = 1000, 2000, 100
@@ -215,8 +215,7 @@ def _compared(
         odd_answers = answers_of(made, others, period)
         _check_bounds(python, odd_answers)
         if not single:
-            share = 1.0 if _is_plain(python) else MOST
-            found["odd"] = largest_difference(odd_answers, answers_of(python, others, period), share=share)
+            found["odd"] = largest_difference(odd_answers, answers_of(python, others, period), share=MOST)
     for kind, parts in found.items():
         worst = max(parts, key=lambda name: parts[name])
         tolerance = tolerance_of(python, kind, single=single)
@@ -268,7 +267,8 @@ def _write_rest(
         "same": "1; /* which of two thresholds a float passes is rounding */" if single else SAME,
         "definitions": "DAQP_SINGLE_PRECISION" if single else "",
         "checks": "\n".join(
-            f"- {done.periods[kind]} {kind} periods: largest difference of the inputs {parts['inputs']:.1e}, of the "
+            f"- {done.periods[kind]} {kind} periods: largest difference of the inputs"
+            f"{f' in {MOST:.0%} of them' if kind == 'odd' else ''} {parts['inputs']:.1e}, of the "
             f"states {parts['state']:.1e}"
             for kind, parts in done.differences.items()
         ),
