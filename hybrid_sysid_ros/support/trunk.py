@@ -12,7 +12,8 @@ SECTIONS = (
 
 NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
-    "ensemble": ("ensemble",), "export": ("model export", "policy export"), "friction_atlas": ("friction",),
+    "ensemble": ("ensemble",), "export": ("model export", "policy export", "export loop"),
+    "friction_atlas": ("friction",), "trained_range": ("trained-range",),
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
