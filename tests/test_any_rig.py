@@ -27,6 +27,9 @@ from tests.structures import MOTIONS
 SAMPLING = Sampling(step=0.005, period=0.05)
 PRESSURES = (2.0, -1.5, 0.5)  # bar, where the records begin
 
+ELSEWHERE = ("residual", "recurrent", "difnn", "hybrid_stribeck")
+"""Structures that learn slowly and have tests of their own."""
+
 
 @pytest.fixture(scope="module")
 def press():
@@ -97,7 +100,13 @@ def test_errors_and_residuals_are_judged_for_each_output(press, records, gray):
         assert all(np.isfinite(independence(error, signal).p_value) for error in residuals.T)
 
 
-@pytest.mark.parametrize("structure", [*structure_names(), "hybrid_stribeck"])
+@pytest.mark.parametrize(
+    "structure",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in ELSEWHERE else ())
+        for name in (*structure_names(), "hybrid_stribeck")
+    ],
+)
 def test_every_structure_learns_it(press, records, structure, monkeypatch):
     """From two records; the third was never seen. A linear system lacks the friction, others may have it."""
     pytest.importorskip("sysidentpy" if structure == "narx" else "torch" if structure == "recurrent" else "numpy")
@@ -142,7 +151,9 @@ def swings():
     ]
 
 
-@pytest.mark.parametrize("structure", ["linear", "stribeck", "dahl", "lugre", "hybrid_lugre"])
+@pytest.mark.parametrize(
+    "structure", ["linear", "stribeck", "dahl", "lugre", pytest.param("hybrid_lugre", marks=pytest.mark.slow)]
+)
 def test_the_flexible_joint_is_learnt_with_every_friction(joint, swings, structure):
     """The motor is not measured. Friction that the rig has on its motor is in the model's motor, too."""
     model = identify(swings[:1], joint, structure, sampling=Sampling(step=0.005, period=0.05))

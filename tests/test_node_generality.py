@@ -99,6 +99,7 @@ def test_two_inputs_drive_two_outputs_to_their_references(domain: int, carts: Pa
     assert all(len(point.positions) == 2 and not point.velocities for point in points)
 
 
+@pytest.mark.slow
 def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_path: Path) -> None:
     """Two outputs, a place and a speed; of five states one is a deflection that belongs to no joint."""
     model = tmp_path / "model"

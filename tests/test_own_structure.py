@@ -117,6 +117,7 @@ assert abs(estimate.state[0] - 0.01) < 1e-3
 """
 
 
+@pytest.mark.slow
 def test_known_parameters_come_back(call: Call) -> None:
     found = call(code=TRUTH)
     assert found.returncode == 0, found.stderr

@@ -47,6 +47,7 @@ def loops(mpc, drawn):
     return list(scenarios.run_many(mpc, drawn, threads=2))
 
 
+@pytest.mark.slow
 def test_a_compiled_loop_is_the_loop_of_a_controller(mpc, drawn, loops):
     def control(k, asked):
         if drawn[0].begins[k]:

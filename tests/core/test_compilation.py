@@ -104,6 +104,7 @@ def test_without_a_lock_nothing_is_kept(cache):
     assert run(cache, program=SMALL, without="numba.cache") == first
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_kept_it_is_compiled_for_this_process(tmp_path):
     """The cache is a file, and so no folder; temporary files may be made."""
     (tmp_path / "cache").write_text("")

@@ -95,6 +95,7 @@ def triangle_of(rows, root):
     triangle(rows, len(rows), root)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("method", METHODS)
 def test_squared_errors_of_a_plant_as_the_filter_believes_it_to_be_are_in_their_band(method, plant):

@@ -320,6 +320,7 @@ def interrupted(monkeypatch):
     return done
 
 
+@pytest.mark.slow
 def test_an_interrupted_comparison_goes_on_with_what_it_kept(alone, linear_records, rig, interrupted, tmp_path):
     def again(**changes):
         arguments = {

@@ -112,6 +112,7 @@ def test_sets_of_the_loader_become_records():
         loader.records_of([SimpleNamespace(u=np.zeros((9, 2)), y=outputs[:9], sampling_time=0.02, name="two")])
 
 
+@pytest.mark.slow
 def test_a_specification_of_identibench_gets_a_predictor():
     """As its run_benchmark asks for one: the inputs and a few outputs in, all outputs out."""
     train, test = simulated(600), simulated(300, seed=5)

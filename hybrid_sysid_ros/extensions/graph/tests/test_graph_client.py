@@ -93,6 +93,7 @@ def test_parameters_are_read_and_set_as_the_node_takes_them(bench: Bench, ask: A
         ask("set", node="plant", values={"bias": "[1"})
 
 
+@pytest.mark.slow
 def test_what_is_not_there_is_said_with_what_is(bench: Bench, ask: Ask, domain: int) -> None:
     nobody = f"in ROS domain {domain}, looked for 1 s: "
     bench.start(ReferenceNode, autostart=False)

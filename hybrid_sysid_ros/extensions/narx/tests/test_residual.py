@@ -220,6 +220,7 @@ def fitted(**options: float) -> tuple[ResidualHybrid, list[ResidualSequence]]:
     return found, sequences
 
 
+@pytest.mark.slow
 def test_a_known_residual_comes_back() -> None:
     """Two poles and two past inputs: its poles, and its free run under inputs that no fit saw."""
     system, sequences = fitted(units=0, output_lags=2)

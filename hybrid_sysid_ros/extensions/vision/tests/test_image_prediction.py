@@ -159,6 +159,7 @@ def test_a_picture_model_is_a_model_with_layers_in_its_folder(model_folder: Path
         PictureModel.load(tmp_path / "model", exposure=0.008)
 
 
+@pytest.mark.slow
 def test_pictures_of_a_film_are_predicted_and_shown(model_folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("av", reason="needs the extra video")
     bag, film = tmp_path / "bag", tmp_path / "film.mp4"

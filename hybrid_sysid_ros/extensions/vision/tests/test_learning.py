@@ -46,6 +46,7 @@ def test_layers_are_learned_without_a_label() -> None:
     assert errors.mean() - math.degrees(layers.geometry.zero) == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_somebody_who_comes_by_leaves_no_trace() -> None:
     """12 % of the width, all of the height, to and fro: angles are as without, and what is no bar covers nothing."""
     covered, times, imager = _film(120)

@@ -93,7 +93,9 @@ def test_positions_of_a_film_come_into_the_bag(video: Video, beam: Filmed, tmp_p
     assert "/cam_beam/camera/joint_states" in bags.topics(tmp_path / "out")
 
 
-@pytest.mark.parametrize("pixels", [4, 11])  # two degrees of a view of 60 are 11 of 320
+@pytest.mark.parametrize(
+    "pixels", [pytest.param(4, marks=pytest.mark.slow), 11]
+)  # two degrees of a view of 60 are 11 of 320
 def test_a_camera_that_looks_beside_is_told(video: Video, beam: Filmed, tmp_path: Path, pixels: int) -> None:
     for axis in (0, 1):
         beside = _each(beam.frames, partial(np.roll, shift=pixels, axis=axis))
@@ -101,6 +103,7 @@ def test_a_camera_that_looks_beside_is_told(video: Video, beam: Filmed, tmp_path
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_turned_is_told_also_without_a_bag(video: Video, beam: Filmed, tmp_path: Path) -> None:
     def turned(picture: Picture) -> Picture:
         return np.asarray(Image.fromarray(picture).rotate(2.0, resample=Image.Resampling.BILINEAR))
@@ -154,6 +157,7 @@ def test_layers_of_a_film_that_is_refused_are_not_written(video: Video, beam: Fi
     assert not layers.exists()
 
 
+@pytest.mark.slow
 def test_a_black_picture_does_not_hide_the_lamp(video: Video, beam: Filmed) -> None:
     frames = [(time, 0 * picture if k == 100 else picture) for k, (time, picture) in enumerate(beam.frames)]
     status, reported, error = video(frames)
@@ -178,6 +182,7 @@ def test_the_motion_of_a_camera_that_shakes_is_taken_out(beam: Filmed, tmp_path:
     assert np.degrees(np.std(footage.angles - true)) < 0.06  # .03 at twice the width
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("onset", [1.0, -0.6])
 def test_a_lamp_at_another_time_is_noted(video: Video, beam: Filmed, onset: float) -> None:
     """The motion tells the time, the lamp whether it may be believed."""
@@ -194,6 +199,7 @@ def test_a_lamp_at_another_time_is_noted(video: Video, beam: Filmed, onset: floa
     )  # between two exposures
 
 
+@pytest.mark.slow
 def test_times_that_run_as_no_clock_does_are_noted(video: Video, beam: Filmed) -> None:
     """31 pictures a second were written of a film of 30."""
     status, reported, error = video([(time * 30 / 31, picture) for time, picture in beam.frames])
@@ -210,6 +216,7 @@ def test_times_that_a_film_rounds_are_no_other_rate(video: Video, beam: Filmed) 
     assert "note" not in reported
 
 
+@pytest.mark.slow
 def test_a_film_whose_times_are_of_another_rate_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
     """25 pictures a second were written of a film of 30."""
     refused(video([(time * 30 / 25, picture) for time, picture in beam.frames]), "0.833 times as fast as the bag")
@@ -222,13 +229,15 @@ def test_a_head_with_another_rate_than_the_times_is_noted(video: Video, beam: Fi
     assert "these count" in reported
 
 
+@pytest.mark.slow
 def test_another_bag_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
     experiment(RIG, "multisine", tmp_path / "other", seed=9, duration=SECONDS, rate=200.0)
     refused(video(beam.frames, bag=tmp_path / "other"), tmp_path / "film.mp4", "motion is not the bag's")
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", [pytest.param("wheel_motor", marks=pytest.mark.slow), "flexible_joint"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["wheel_motor", "flexible_joint"])
 def test_a_film_of_another_rig_is_told(video: Video, tmp_path: Path, name: str) -> None:
     times: Array = np.arange(0.0, SECONDS, 0.001, dtype=np.float64)
     imager, angles = Imager(scene_of(load(name)), CAMERA), 0.1 * np.sin(2.0 * np.pi * 0.5 * times)
