@@ -30,6 +30,9 @@ LOOKS, APART = 16, 10
 FROZEN, JUMP = 3, 1.0
 """Pictures in a row that are the same to the last bit, and pixels of the sprite's end: a camera that hangs."""
 PLAIN = 12  # counts, by which the pixels of a picture differ at least that shows something: a film's black is not 0
+LEAP, RARE, LEAPS = 0.2, 3.0, 3
+"""Share of all angles' range, and multiple of the turning points nine of ten of which are smaller, by which up to so
+many pictures in a row are off all of those around them: they show somebody who walks by."""
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
@@ -161,6 +164,8 @@ def followed(
         )
     still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
     angles[still] = np.nan
+    if not layers.full_turn:
+        angles[leaping_pictures(angles)] = np.nan
     middle = np.nan_to_num([layers.row_time(row) for row in view.film_rows(layers.pivot[0], steady.rows)])
     good = [item for item in shown if item[2].found] or shown
     return Footage(
@@ -189,6 +194,26 @@ def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDA
         jumps = [_turn(angles[k] - angles[i]) for i, k in ends if i >= 0 and k < len(angles)]
         if end - begin >= FROZEN and np.nanmax([*jumps, 0.0]) * reach > JUMP:
             found[begin + FROZEN - 1 : end] = True
+    return found
+
+
+def leaping_pictures(angles: Array) -> NDArray[np.bool_]:
+    """Pictures (pictures,), up to LEAPS in a row, whose angles are beyond the two before and the two after them by more
+    than LEAP of the range of all angles, and by more than RARE times what turning points of the motion are.
+    """
+    found = np.zeros(len(angles), dtype=bool)
+    for count in range(1, LEAPS + 1):
+        usual = np.nan
+        while len(known := np.flatnonzero(np.isfinite(angles) & ~found)) >= count + 4:
+            windows = np.lib.stride_tricks.sliding_window_view(angles[known], count + 4)
+            around, inside = windows[:, [0, 1, -2, -1]], windows[:, 2:-2]
+            beyond = np.maximum(inside.min(axis=1) - around.max(axis=1), around.min(axis=1) - inside.max(axis=1))
+            if np.isnan(usual):
+                usual = float(np.quantile(beyond[beyond > 0.0], 0.9)) if (beyond > 0.0).any() else 0.0
+            first = int(np.argmax(beyond))
+            if not beyond[first] > max(LEAP * float(np.ptp(angles[known])), RARE * usual):
+                break
+            found[known[first + 2 : first + 2 + count]] = True
     return found
 
 

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.extensions.vision.camera.filming import SceneMotion, experiment
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
 from hybrid_sysid_ros.extensions.vision.reading import joint_reference, video_record
-from hybrid_sysid_ros.extensions.vision.reading.footage import Footage, frozen_pictures
+from hybrid_sysid_ros.extensions.vision.reading.footage import Footage, frozen_pictures, leaping_pictures
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import JointReference, MotionSource
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -105,3 +105,17 @@ def test_equal_pictures_are_a_camera_that_hangs_only_where_the_joint_jumps(jump:
     found = frozen_pictures(same, angles, reach=150.0)
     assert found.any() == hangs
     assert not hangs or found.sum() == 19
+
+
+def test_pictures_of_somebody_who_walks_by_leap_and_a_joint_that_steps_or_swings_does_not() -> None:
+    times = np.arange(300) / 30.0
+    swings = np.radians(6.0) * np.sin(2.0 * np.pi * 1.3 * times)
+    steps = np.radians(6.0) * np.sign(np.sin(2.0 * np.pi * 0.3 * times))
+    fast = np.radians(6.0) * np.sin(2.0 * np.pi * 6.3 * times)
+    both = swings + 0.5 * fast
+    for sound in (swings, steps, fast, both):
+        assert not leaping_pictures(sound).any()
+    for hidden in ([69], [74, 75], [120, 121, 122]):
+        seen = swings.copy()
+        seen[hidden] += np.radians(14.0) * np.where(swings[hidden] > 0.0, -1.0, 1.0)
+        assert np.flatnonzero(leaping_pictures(seen)).tolist() == hidden
