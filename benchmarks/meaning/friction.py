@@ -27,7 +27,7 @@ from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.arrays import Array
 
 SECONDS, RATE, ASKED = 20.0, 30.0, 0.03
-RATES: Mapping[str, float] = {"wheel_motor": 60.0}
+RATES: Mapping[str, float] = {"wheel_motor": 60.0, "drill_string": 60.0}
 """Pictures a second of rigs that turn far between two of them."""
 FILMED: Mapping[str, tuple[str, ...]] = {
     "cam_beam": ("multisine", "random_steps"),
