@@ -169,8 +169,8 @@ class Model:
             save_notes(folder, self.notes)
 
 
-def load(folder: Path | str, *, rig: str | Path = "") -> Model:
-    """Read a model folder.
+def load(folder: Path | str, *, rig: str | Path = "", noted: bool = True) -> Model:
+    """Read a model folder. noted: with the notes beside it.
 
     rig: name or path of its rig, which is needed where the rig is not known by name: a path in the model folder is
     never followed, since loading a rig runs its Python. Raises UserError where a file is missing, altered or newer, and
@@ -223,7 +223,7 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
             fit=content["fit"],
             place=content.get("place", ""),
             seal=content["seal"],
-            notes=_notes(Path(folder) / NOTES, content["seal"]),
+            notes=_notes(Path(folder) / NOTES, content["seal"]) if noted else {},
         )
     except UserError as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error}") from error

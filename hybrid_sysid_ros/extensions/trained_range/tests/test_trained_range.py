@@ -212,6 +212,8 @@ def test_an_older_model_gets_notes_beside_its_seal(call, tmp_path: Path) -> None
     (tmp_path / "model" / NOTES).write_bytes((tmp_path / "other" / NOTES).read_bytes())
     with pytest.raises(UserError, match="of another model"):
         load(tmp_path / "model")
+    assert call(app.main, "hybrid-sysid", "trained-range", tmp_path / "model", *bags)[0] == 0
+    assert load(tmp_path / "model").notes == shipped.notes
 
 
 def test_another_record_by_the_name_of_a_training_record_is_refused() -> None:
