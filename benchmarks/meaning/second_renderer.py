@@ -338,7 +338,7 @@ def _disc(x: float, y: float, radius: float) -> Points:
 
 def write(path: Path, renderer: SecondRenderer) -> None:
     """Write the film of a case by its codec."""
-    case, ticks = renderer.case, 90_000
+    case, ticks = renderer.case, 60_000  # MPEG-4 takes at most 65 535 a second
     with av.open(str(path), "w") as container:
         options = {"crf": str(case.crf), "preset": "fast"} if "26" in case.codec else {"qscale": str(case.crf // 4)}
         stream: Any = container.add_stream(case.codec, rate=Fraction(case.rate).limit_denominator(1001))
