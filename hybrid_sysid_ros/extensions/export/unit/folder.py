@@ -131,7 +131,7 @@ def export_loop(
             flags = stack_use.FLAGS if compiler.is_gcc(by) else ()
             library = build(by, partial, name, Path(scratch), flags=(*flags, *(SINGLE if single else ())))
             made = BuiltUnit(library, name, **_sizes(loop), single=single)
-            calls = [f"{name}_{call}" for call in ("step", "prepare", "reset")]
+            calls = [f"{name}_{call}" for call in ("step", "observe", "decide", "prepare", "reset")]
             stack = stack_use.most_bytes(Path(scratch), calls, constraints=unit.most_active(loop)) if flags else None
             differences = _compared(python, made, questions, answers, more, single=single)
         done = UnitExport(

@@ -22,14 +22,13 @@ from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import WAITING, PrintedLoop
 
 
-def run_period(loop: PrintedLoop, time: float) -> None:
-    """A period: the estimate of a measurement at ``time`` [s], and the command."""
+def observe(loop: PrintedLoop, time: float) -> bool:
+    """The estimate of a measurement at ``time`` [s]; False while there is none."""
     core, out, instance, progress = loop.memory[0][0], loop.out, loop.instance, loop.progress[0]
     n, m = core.states, core.inputs
-    assign(instance.previous, loop.command)
     if not estimate(loop, time):
         progress.status = WAITING
-        return
+        return False
     for a in range(n):
         instance.state[a] = out[n + a]
     for j in range(m):
@@ -37,6 +36,12 @@ def run_period(loop: PrintedLoop, time: float) -> None:
         for i in range(core.followed):
             deviation = out[2 * n + m + i] - loop.initial.parameters[i]
             instance.disturbance[j] += deviation * loop.initial.offsets[i, j]
+    return True
+
+
+def decide(loop: PrintedLoop) -> None:
+    """The command for the newest estimate."""
+    assign(loop.instance.previous, loop.command)
     if loop.gains.shape[0] > 0:
         stabilise(loop)
     else:
@@ -127,15 +132,20 @@ def rebase(loop: PrintedLoop) -> float:
     return by
 
 
-def begin_again(loop: PrintedLoop) -> None:
-    """Forget the past; the last command holds."""
+def forget_estimate(loop: PrintedLoop) -> None:
+    """Forget the measurements."""
     progress, core = loop.progress[0], loop.memory[0][0]
     known = numbers_at(core.applied)
     for j in range(core.inputs):
         known[j] = 0.0
+    progress.started, progress.last = 0, math.nan
+
+
+def forget_plan(loop: PrintedLoop) -> None:
+    """Forget the last plan; the last command holds."""
+    progress = loop.progress[0]
     clear_working_set(loop.program)
-    progress.started, progress.cold, progress.prepared = 0, 1, 0
-    progress.planned, progress.fresh, progress.last = 0, 0, math.nan
+    progress.cold, progress.prepared, progress.planned, progress.fresh = 1, 0, 0, 0
     if loop.supervision is not None:
         progress.unplanned, progress.unsolved = 0.0, 0
         progress.waiting = loop.supervision.patience if loop.supervision.steps else 0

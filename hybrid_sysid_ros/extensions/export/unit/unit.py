@@ -156,11 +156,13 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
         layout = layout_of(RECORDS, mutable)
         _name_arrays(layout, loop, arrays)
         translator = Translator(layout, rig, "f" if single else "", _widest(loop))
-        translator.call(kernels.run_period, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
+        translator.call(kernels.observe, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
+        translator.call(kernels.decide, [KnownValue(loop)])  # type: ignore[arg-type]
         translator.call(kernels.look_forward, [KnownValue(loop), NumberValue(REAL, "elapsed")])  # type: ignore[arg-type]
         if single:
             translator.call(kernels.rebase, [KnownValue(loop)])  # type: ignore[arg-type]
-        translator.call(kernels.begin_again, [KnownValue(loop)])  # type: ignore[arg-type]
+        translator.call(kernels.forget_estimate, [KnownValue(loop)])  # type: ignore[arg-type]
+        translator.call(kernels.forget_plan, [KnownValue(loop)])  # type: ignore[arg-type]
         if not layout.complete:
             continue
         solver = ("hessian", "gradient", "rows", "lower", "upper", "states", "solution", "multipliers")
@@ -241,9 +243,11 @@ def texts(
         "single": "#ifndef DAQP_SINGLE_PRECISION\n#define DAQP_SINGLE_PRECISION\n#endif\n" if translator.suffix else "",
         "rebase": _rebased(printer) if translator.suffix else "",
         "soft": soft_lines,
-        "step": printer.entry(kernels.run_period, f"({rig}_real)(measurement->time - unit->origin)"),
+        "observe": printer.entry(kernels.observe, f"({rig}_real)(measurement->time - unit->origin)"),
+        "decide": printer.entry(kernels.decide, ""),
         "prepare": printer.entry(kernels.look_forward, "elapsed"),
-        "reset": printer.entry(kernels.begin_again, ""),
+        "forget_estimate": printer.entry(kernels.forget_estimate, ""),
+        "forget_plan": printer.entry(kernels.forget_plan, ""),
     }
     return {
         f"{rig}{ending}": Text((UNIT_TEMPLATES / f"loop{ending}").read_text(encoding="utf-8")).substitute(values)

@@ -122,24 +122,57 @@ int @{name}_init(@{name}_memory *unit)
     return flag > 0;
 }
 
+void @{name}_forget_estimate(@{name}_memory *unit)
+{
+    @forget_estimate;
+}
+
+void @{name}_forget_plan(@{name}_memory *unit)
+{
+    @forget_plan;
+}
+
 void @{name}_reset(@{name}_memory *unit)
 {
-    @reset;
+    @{name}_forget_estimate(unit);
+    @{name}_forget_plan(unit);
+}
+
+int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement, @{name}_command *command)
+{
+    int known;
+
+    memcpy(unit->outputs, measurement->outputs, sizeof unit->outputs);
+    memcpy(unit->applied, measurement->applied, sizeof unit->applied);
+@rebase    known = @observe;
+    memcpy(command->state, unit->out, sizeof command->state);
+    memcpy(command->ahead, unit->out + @{NAME}_STATES, sizeof command->ahead);
+    memcpy(command->disturbance, unit->instance + @{NAME}_STATES, sizeof command->disturbance);
+    memcpy(command->inputs, unit->command, sizeof command->inputs);
+    command->status = unit->progress[0].status;
+    return known;
+}
+
+void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command)
+{
+    memcpy(unit->instance + @preview, reference->outputs, sizeof reference->outputs);
+    @decide;
+    memcpy(command->inputs, unit->command, sizeof command->inputs);
+    command->status = unit->progress[0].status;
 }
 
 void @{name}_step(
     @{name}_memory *unit, const @{name}_measurement *measurement, const @{name}_reference *reference,
     @{name}_command *command)
 {
-    memcpy(unit->outputs, measurement->outputs, sizeof unit->outputs);
-    memcpy(unit->applied, measurement->applied, sizeof unit->applied);
-    memcpy(unit->instance + @preview, reference->outputs, sizeof reference->outputs);
-@rebase    @step;
-    memcpy(command->inputs, unit->command, sizeof command->inputs);
-    command->status = unit->progress[0].status;
-    memcpy(command->state, unit->out, sizeof command->state);
-    memcpy(command->ahead, unit->out + @{NAME}_STATES, sizeof command->ahead);
-    memcpy(command->disturbance, unit->instance + @{NAME}_STATES, sizeof command->disturbance);
+    if (@{name}_observe(unit, measurement, command)) {
+        @{name}_decide(unit, reference, command);
+    }
+}
+
+void @{name}_sent(@{name}_memory *unit, const @{name}_real *inputs)
+{
+    memcpy(unit->command, inputs, sizeof unit->command);
 }
 
 void @{name}_prepare(@{name}_memory *unit, @{name}_real elapsed)

@@ -80,6 +80,19 @@ void @{name}_step(
     @{name}_memory *unit, const @{name}_measurement *measurement, const @{name}_reference *reference,
     @{name}_command *command);
 
+/* The two halves of a period, for whoever does something in between. The first finds the estimate alone: 1, or 0 while
+ * there is none; the second the command for it.
+ */
+int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement, @{name}_command *command);
+void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command);
+
+/* Forget the measurements, or the last plan, alone. */
+void @{name}_forget_estimate(@{name}_memory *unit);
+void @{name}_forget_plan(@{name}_memory *unit);
+
+/* Say that other inputs were sent than those of the last command. */
+void @{name}_sent(@{name}_memory *unit, const @{name}_real *inputs);
+
 /* Prepare the next step, which will be elapsed [s] after this one; call it when the command is sent. */
 void @{name}_prepare(@{name}_memory *unit, @{name}_real elapsed);
 
