@@ -1,1 +1,0 @@
-"""Frequency responses of models, with bands, beside those of records."""

@@ -1,1 +1,0 @@
-"""What several extensions share, and the trunk does not need: no extension itself."""

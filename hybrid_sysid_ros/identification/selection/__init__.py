@@ -1,0 +1,1 @@
+"""Selection of structure and options by training data alone."""
