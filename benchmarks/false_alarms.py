@@ -19,16 +19,16 @@ from rich.table import Table
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table, status
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
-from hybrid_sysid_ros.control.safety.guarded_controller import GuardedController
+from hybrid_sysid_ros.extensions.accuracy.guarded_controller import GuardedController
+from hybrid_sysid_ros.extensions.accuracy.guarded_loop import guarded_loop
 from hybrid_sysid_ros.extensions.policies.configured import trial_of
 from hybrid_sysid_ros.extensions.policies.mixture import DISTURBED, stratum_of
+from hybrid_sysid_ros.extensions.shared import parallel
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.runtime.guarded_loop import guarded_loop
 from hybrid_sysid_ros.runtime.parameters import defaults, shipped
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

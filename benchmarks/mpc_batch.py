@@ -19,8 +19,8 @@ from benchmarks import result
 from benchmarks.mpc_speed import SEEDS, cases, loop
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, MpcSolution, Status, scenarios
+from hybrid_sysid_ros.extensions.shared import parallel
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array
 
 NAME = "mpc_batch"

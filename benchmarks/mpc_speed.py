@@ -21,7 +21,7 @@ from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
-from hybrid_sysid_ros.control.problem import stage_costs
+from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.identification import cross_validate, evaluate, identify
+from hybrid_sysid_ros.extensions.search.cross_validation import cross_validate
+from hybrid_sysid_ros.identification import evaluate, identify
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import bench, record_of

@@ -17,9 +17,9 @@ from rich.table import Table
 from benchmarks import result
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.search.cross_validation import cross_validate
 from hybrid_sysid_ros.identification import Part, Scores, identify
 from hybrid_sysid_ros.identification.identify import experiment_of
-from hybrid_sysid_ros.identification.selection.cross_validation import cross_validate
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig

@@ -21,9 +21,9 @@ from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
 from hybrid_sysid_ros.extensions.fuzzy.link_selection import select_links
 from hybrid_sysid_ros.extensions.fuzzy.rule_selection import select_rules
 from hybrid_sysid_ros.extensions.fuzzy.tuning import tuned
+from hybrid_sysid_ros.extensions.shared.lagged import Lagged
+from hybrid_sysid_ros.extensions.shared.regression import Regression
 from hybrid_sysid_ros.identification import PreparedRecord
-from hybrid_sysid_ros.identification.selection.regression import Regression
-from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 

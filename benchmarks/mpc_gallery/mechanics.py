@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -271,6 +271,13 @@ def masses() -> Case:
     )
 
 
+def masses_uneven() -> Case:
+    """The same over twice the time, by ten intervals and inputs in place of forty."""
+    case = masses()
+    problem = replace(case.problem, horizon=40, intervals=(1, 1, 1, 1, 2, 2, 4, 4, 8, 16))
+    return replace(case, source="modelled on acados, non-uniform grids", problem=problem)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Kite(System):
     """A kite on 400 m of rope in 10 m/s of wind; steering costs some of its glide ratio of 6."""
@@ -314,5 +321,8 @@ def kite() -> Case:
     )
 
 
-CASES = {item.__name__: item for item in (swing_up, chain, race_car, moving_obstacle, thrust_disc, masses, kite)}
+CASES = {
+    item.__name__: item
+    for item in (swing_up, chain, race_car, moving_obstacle, thrust_disc, masses, masses_uneven, kite)
+}
 """What makes each case, by its name."""

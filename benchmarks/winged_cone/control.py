@@ -24,6 +24,7 @@ from benchmarks.winged_cone.flights import RIG
 from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared import parallel
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -31,7 +32,6 @@ from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array
 
 PLANTS = 1000

@@ -12,9 +12,9 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.winged_cone import flights
 from benchmarks.winged_cone.identification import HORIZONS, MANOEUVRES, fitted, scores
+from hybrid_sysid_ros.extensions.shared import parallel
 from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array
 
 KEPT = Path("out/winged_cone_hybrids")

@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import Controller, Status
-from hybrid_sysid_ros.control.problem import ControlProblem, stage_costs
+from hybrid_sysid_ros.control.problem import ControlProblem
+from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import StateEstimate

@@ -1,7 +1,4 @@
-"""The control problem of an MPC: its cost and its bounds, and the cost of a stage, which is written once.
-
-The MPC, checks of its imitations, certificates and scores of whole loops use the same cost.
-"""
+"""The control problem of an MPC: its cost and its bounds."""
 
 from __future__ import annotations
 
@@ -13,97 +10,14 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.control.terms import StageTerm, check_terms, terms_of, with_terms
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError, known
 from hybrid_sysid_ros.support.structured import numbers
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StageWeights(Shared):
-    """Weights of stage costs for n states, m inputs, and r values: p outputs and the terms behind them."""
-
-    outputs: Array
-    """Weights of the values' squared errors, (stages, r) [1/unit^2]."""
-    prices: Array
-    """Prices of the values, (stages, r) [1/unit]."""
-    rates: Array
-    """Weights of squared changes, (stages, m)."""
-    inputs: Array
-    """Weights of squared inputs, (stages, m)."""
-    low: Array
-    """Lower bounds of the states, (n,); -inf: none."""
-    high: Array
-    """(n,)."""
-    linear: Array
-    """(n,); a state that is outside by s costs linear s + quadratic s^2."""
-    quadratic: Array
-    """(n,)."""
-    value_low: Array
-    """Lower bounds of the values, (stages, r)."""
-    value_high: Array
-    """(stages, r)."""
-    value_linear: Array
-    """(r,), as of the states."""
-    value_quadratic: Array
-    """(r,)."""
-
-
-@inner
-def stage_cost(weights: Any, i: int, y: Any, q: Any, u: Any, before: Any, x: Any) -> float:
-    """Cost of stage i with values y (r,), references q (p,) of the outputs and states x (n,) at its end, inputs u (m,)
-    and previous inputs ``before`` (m,).
-    """
-    cost = 0.0
-    for k in range(q.shape[0]):
-        error = y[k] - q[k]
-        cost += weights.outputs[i, k] * error * error
-    for j in range(u.shape[0]):
-        change = u[j] - before[j]
-        cost += weights.rates[i, j] * change * change + weights.inputs[i, j] * u[j] * u[j]
-    for a in range(x.shape[0]):
-        s = excess(weights, a, x[a])
-        cost += (weights.linear[a] + weights.quadratic[a] * s) * s
-    for k in range(q.shape[0], y.shape[0]):
-        s = max(y[k] - weights.value_high[i, k], weights.value_low[i, k] - y[k], 0.0)
-        cost += (weights.outputs[i, k] * y[k] + weights.prices[i, k]) * y[k]
-        cost += (weights.value_linear[k] + weights.value_quadratic[k] * s) * s
-    return cost
-
-
-@inner
-def excess(weights: Any, a: int, value: float) -> float:
-    """Distance of state a from its bounds, 0 within them."""
-    return max(value - weights.high[a], weights.low[a] - value, 0.0)
-
-
-@kernel
-def _stage_costs(
-    weights: StageWeights, outputs: Array, references: Array, inputs: Array, previous: Array, states: Array, out: Array
-) -> None:
-    for k in range(out.shape[0]):
-        before = previous if k == 0 else inputs[k - 1]
-        out[k] = stage_cost(weights, 0, outputs[k], references[k], inputs[k], before, states[k])
-
-
-def stage_costs(
-    problem: ControlProblem, *, outputs: Array, references: Array, inputs: Array, previous: Array, states: Array
-) -> Array:
-    """Cost (samples,) of each stage of a loop.
-
-    outputs (samples, p), or with the terms behind them (samples, r), references (samples, p), inputs (samples, m),
-    states (samples, n): each row one stage, see :func:`stage_cost`. previous (m,): the inputs before the first row. The
-    problem is sized.
-    """
-    rows = [np.ascontiguousarray(part, dtype=float) for part in (outputs, references, inputs, previous, states)]
-    costs = np.empty(len(rows[0]))
-    _stage_costs(problem.stage_weights, *rows, costs)
-    return costs
-
 
 _PER_OUTPUT = ("output_weights", "output_scales")
 _PER_INPUT = ("rate_weights", "input_weights", "input_low", "input_high", "rate_limits")
@@ -159,10 +73,20 @@ class ControlProblem:
     """(n,), price per squared distance [1/unit^2]."""
     final_output_weights: Numbers = ()
     """(p,) at the end of the horizon; empty: as output_weights."""
+    intervals: tuple[int, ...] = ()
+    """Lengths of uneven intervals [periods]; empty: all 1. Outputs, states and terms count at their ends, with weights
+    and prices times their lengths, but for those at the end of the horizon alone.
+    """
+    blocks: tuple[int, ...] = ()
+    """Numbers of periods through which inputs are held, the last one to the end; empty: those of ``intervals``."""
     terms: tuple[StageTerm, ...] = ()
     """Further terms of each stage, also as a mapping {name: {value: formula, price: 1.0}}."""
     stage_parameters: tuple[tuple[str, Numbers], ...] = ()
     """Names of parameters in the terms' formulas, also as a mapping, with a value for all stages or N values."""
+    state_margins: tuple[Numbers, ...] = ()
+    """By how much the bounds of each state are moved in at each stage, (n, N), see :func:`~.tightening.tightened`;
+    costs of loops don't know it. Empty: not at all.
+    """
     smoothing: float = 0.0
     """Smoothing of stick-slip [unit of the velocity]."""
     max_iterations: int = 100
@@ -183,6 +107,9 @@ class ControlProblem:
                         f"mpc: term {term.name} has {np.size(each)} weights or prices; "
                         f"it needs one, or one for each of the {self.horizon} stages"
                     )
+        for name in ("intervals", "blocks"):
+            object.__setattr__(self, name, _lengths(name, getattr(self, name), self.horizon))
+        object.__setattr__(self, "state_margins", tuple(_numbers("state_margins", each) for each in self.state_margins))
         for name in _WHOLE:
             if not isinstance(getattr(self, name), int):
                 raise UserError(f"mpc: {name} is {getattr(self, name)!r}; it must be a whole number")
@@ -221,7 +148,16 @@ class ControlProblem:
             names = f"mpc: final_output_weights of {type(system).__name__}"
             found["final_output_weights"] = numbers(self.final_output_weights, names, count=len(system.outputs))
         check_terms(system, self.terms, [name for name, _ in self.stage_parameters])
-        return dataclasses.replace(self, **found)  # type: ignore[arg-type]
+        sized = dataclasses.replace(self, **found)  # type: ignore[arg-type]
+        bounds = zip(system.states, sized.state_margins, sized.state_low, sized.state_high, strict=False)
+        for name, margins, low, high in (
+            *((item.name, *each) for item, *each in bounds),
+            *((term.name, term.margin, term.low, term.high) for term in self.terms),
+        ):
+            _check_margins(name, margins, low, high, self.horizon)
+        if len(self.state_margins) not in (0, len(system.states)):
+            raise UserError(f"mpc: state_margins has {len(self.state_margins)} rows for {len(system.states)} states")
+        return sized
 
     def outputs_of(self, system: System, *, curvature: bool = False) -> System:
         """The system whose outputs are the values of a stage; the system itself where there are no terms."""
@@ -246,6 +182,13 @@ class ControlProblem:
             stage[:, names.index(name)] = sound
 
     @property
+    def moves(self) -> NDArray[np.int64]:
+        """Number of the block of each period, (N,), through which inputs are held."""
+        lengths = self.blocks or self.intervals or (1,) * self.horizon
+        numbers = np.repeat(np.arange(len(lengths)), lengths)
+        return np.pad(numbers, (0, self.horizon - len(numbers)), mode="edge")
+
+    @property
     def weights(self) -> StageWeights:
         """Weights of the horizon's stages, for a problem that is :meth:`sized`."""
         return self._weights(self.horizon)
@@ -256,35 +199,52 @@ class ControlProblem:
         return _stage_weights(self)
 
     def _weights(self, stages: int) -> StageWeights:
-        outputs = np.tile(np.array(self.output_weights) / np.array(self.output_scales) ** 2, (stages, 1))
+        lengths = np.zeros((stages, 1))
+        if stages == self.horizon and self.intervals:
+            lengths[np.cumsum(self.intervals) - 1, 0] = self.intervals
+        else:
+            lengths[:] = 1.0
+        counts = lengths > 0.0
+        outputs = lengths * (np.array(self.output_weights) / np.array(self.output_scales) ** 2)
         if self.final_output_weights and stages == self.horizon:
             outputs[-1] = np.array(self.final_output_weights) / np.array(self.output_scales) ** 2
         terms, none = self.terms, np.zeros(outputs.shape)
+        margins = np.array(self.state_margins).T if self.state_margins and stages == self.horizon else 0.0
         return StageWeights(
-            outputs=np.hstack([outputs, *(self._staged(term, term.weight, 0.0, stages) for term in terms)]),
-            prices=np.hstack([none, *(self._staged(term, term.price, 0.0, stages) for term in terms)]),
+            outputs=np.hstack([outputs, *(self._staged(term, term.weight, 0.0, lengths) for term in terms)]),
+            prices=np.hstack([none, *(self._staged(term, term.price, 0.0, lengths) for term in terms)]),
             rates=np.tile(self.rate_weights, (stages, 1)),
             inputs=np.tile(self.input_weights, (stages, 1)),
-            low=np.array(self.state_low),
-            high=np.array(self.state_high),
+            low=np.where(counts, np.array(self.state_low) + margins, -math.inf),
+            high=np.where(counts, np.array(self.state_high) - margins, math.inf),
             linear=np.array(self.soft_linear),
             quadratic=np.array(self.soft_quadratic),
             value_low=np.hstack(
-                [none - math.inf, *(self._staged(term, term.low, -math.inf, stages) for term in terms)]
+                [none - math.inf, *(self._staged(term, term.low, -math.inf, counts, 1.0) for term in terms)]
             ),
             value_high=np.hstack(
-                [none + math.inf, *(self._staged(term, term.high, math.inf, stages) for term in terms)]
+                [none + math.inf, *(self._staged(term, term.high, math.inf, counts, -1.0) for term in terms)]
             ),
             value_linear=np.concatenate([none[0], [term.soft_linear for term in terms]]),
             value_quadratic=np.concatenate([none[0], [term.soft_quadratic for term in terms]]),
         )
 
-    def _staged(self, term: StageTerm, values: Numbers | float, without: float, stages: int) -> Array:
-        """A column (stages, 1) of a term's values; ``without`` where it does not count."""
-        found = np.broadcast_to(np.array(values, dtype=float), (self.horizon,)).copy()
+    def _staged(
+        self, term: StageTerm, values: Numbers | float, without: float, counts: NDArray[Any], moved: float = 0.0
+    ) -> Array:
+        """A column (stages, 1) of a term's values; ``without`` where it does not count. counts (stages, 1): their
+        factors, or whether bounds hold. moved: factor of the margin that is added to them.
+        """
+        found = np.broadcast_to(np.array(values, dtype=float), (self.horizon,))[: len(counts), None].copy()
+        if len(counts) == self.horizon:
+            found += moved * np.broadcast_to(term.margin, (self.horizon,))[:, None]
         if term.final:
-            found[:-1] = without
-        return found[:stages, None]
+            found[: -1 if len(counts) == self.horizon else None] = without
+        elif counts.dtype != np.bool_:
+            found *= counts
+        elif not term.hard:
+            found[~counts] = without
+        return found
 
 
 @lru_cache
@@ -323,3 +283,34 @@ def _stage_parameters(given: Any, horizon: int) -> tuple[tuple[str, Numbers], ..
             )
         found.append((str(name), sound))
     return tuple(found)
+
+
+def _lengths(name: str, given: Any, horizon: int) -> tuple[int, ...]:
+    """Lengths of intervals or blocks. Raises UserError for what is no list of whole numbers from 1 on, or does not fit
+    the horizon.
+    """
+    found = tuple(given) if isinstance(given, list | tuple) else (given,)
+    for item in found:
+        if not isinstance(item, int) or isinstance(item, bool) or item < 1:
+            raise UserError(f"mpc: {name} has {item!r}; give whole numbers of periods from 1 on, such as [1, 1, 2, 4]")
+    if sum(found) > horizon or (found and name == "intervals" and sum(found) < horizon):
+        most = "at most" if name == "blocks" else "exactly"
+        raise UserError(f"mpc: {name} have {sum(found)} periods together; they need {most} the horizon's {horizon}")
+    return found
+
+
+def _check_margins(name: str, margins: Numbers | float, low: float, high: float, horizon: int) -> None:
+    """Raise UserError for margins that are none, and for those that leave nothing between two bounds."""
+    values = np.atleast_1d(margins)
+    if len(values) not in (1, horizon):
+        raise UserError(f"mpc: {name} has {len(values)} margins; it needs one, or {horizon}, one for each stage")
+    for stage, margin in enumerate(values.tolist(), start=1):
+        if not 0.0 <= margin < math.inf:
+            raise UserError(
+                f"mpc: {name} has a margin of {margin:g} at stage {stage}; it must be at least 0, and finite"
+            )
+        if not low + margin < high - margin:
+            raise UserError(
+                f"mpc: tightening leaves nothing of {name} at stage {stage}: its bounds {low:g} and {high:g} move in "
+                f"by {margin:.3g} each; widen them, or ask a smaller share"
+            )

@@ -42,6 +42,8 @@ class StageTerm:
     """Price of a distance from the bounds [1/unit]."""
     soft_quadratic: float = 1e4
     """Price of a squared distance [1/unit^2]."""
+    margin: Numbers | float = 0.0
+    """By how much soft bounds are moved in, one number or one for each stage, see :func:`~.tightening.tightened`."""
     final: bool = False
     """Whether it counts at the end of the horizon alone."""
 
@@ -49,16 +51,16 @@ class StageTerm:
         where = f"mpc: term {self.name}"
         if not isinstance(self.name, str) or not self.name.isidentifier() or not isinstance(self.value, str):
             raise UserError(f"{where}: a term needs a name and a formula, such as distance: {{value: hypot(x, y)}}")
-        for key in ("weight", "price"):
+        for key in ("weight", "price", "margin"):
             given = getattr(self, key)
             object.__setattr__(self, key, tuple(given) if isinstance(given, list | tuple) else (given,))
-        for key in ("weight", "price", "low", "high", "soft_linear", "soft_quadratic"):
+        for key in ("weight", "price", "margin", "low", "high", "soft_linear", "soft_quadratic"):
             found = getattr(self, key)
             values = found if isinstance(found, tuple) else (found,)
             whole = key in ("low", "high")
             if not all(_is_number(item) and (whole or math.isfinite(item)) for item in values) or not values:
                 raise UserError(f"{where}: {key} is {found!r}; it needs a number")
-            if key in ("weight", "soft_linear") and min(values) < 0.0:
+            if key in ("weight", "margin", "soft_linear") and min(values) < 0.0:
                 raise UserError(f"{where}: {key} is {min(values):g}; it must be at least 0")
         for key in ("hard", "final"):
             if not isinstance(getattr(self, key), bool):

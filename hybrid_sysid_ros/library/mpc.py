@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +27,8 @@ def mpc(
     terms: Mapping[str, Any] | None = None,
     stage_parameters: Mapping[str, Any] | None = None,
     riccati_at: ArrayLike | None = None,
+    intervals: Sequence[int] | None = None,
+    blocks: Sequence[int] | None = None,
     parameters: Mapping[str, Any] | None = None,
     solver: str = "exact",
 ) -> Controller:
@@ -37,9 +39,10 @@ def mpc(
     outputs, of the model's parameters and of stage_parameters, in SI units. stage_parameters: their values, one or one
     for each stage; ``assign(name=values)`` of the controller changes them. Terms are added to those of the section mpc
     in the rig's file, and replace those of the same name. riccati_at: outputs (p,) in SI units about which the cost of
-    all time after the horizon is added at its end. parameters: of the node controller, such as {"horizon": 10,
-    "output_weight": 4.0, "input_rate": 40.0, "real_time": True}; rates are per second. solver: "exact", or "ipopt", the
-    slow reference.
+    all time after the horizon is added at its end. intervals: lengths of uneven intervals, in periods, such as
+    [1, 1, 2, 4]; blocks: numbers of periods through which inputs are held. parameters: of the node controller, such as
+    {"horizon": 10, "output_weight": 4.0, "input_rate": 40.0, "real_time": True}; rates are per second. solver: "exact",
+    or "ipopt", the slow reference.
 
     Give it to :func:`simulate` as controller, or call ``control(state, disturbance, previous_input, preview)``. Raises
     UserError for a formula that can't be evaluated, a hard bound on states, and values that don't cover the horizon.
@@ -48,7 +51,8 @@ def mpc(
     given = arguments.mapping_of(parameters, "parameters", '{"horizon": 10}')
     values = settings_of(described, {f"controller.{name}": value for name, value in given.items()})["controller"]
     arguments.choice_of(solver, "solver", ("exact", "ipopt"))
-    system = controller_model(described, used_model(described, model).system)
+    used = used_model(described, model)
+    system = controller_model(described, used.system)
     problem = mpc_problem(values, described, system)
     more = arguments.mapping_of(terms, "terms", '{"power": {"value": "voltage**2", "price": 1.0}}')
     stage = arguments.mapping_of(stage_parameters, "stage_parameters", '{"limit": 1.0}')
@@ -59,6 +63,8 @@ def mpc(
             terms=tuple(own.values()),
             stage_parameters=tuple((dict(problem.stage_parameters) | stage).items()),
         ).sized(system)
+    uneven = {"intervals": intervals, "blocks": blocks}
+    problem = replace(problem, **{name: value for name, value in uneven.items() if value is not None})
     if riccati_at is not None:
         last = riccati_terms(system, problem, np.atleast_1d(arguments.array_of(riccati_at, "riccati_at")))
         problem = replace(problem, terms=(*problem.terms, *last)).sized(system)

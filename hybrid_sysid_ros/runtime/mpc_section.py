@@ -13,7 +13,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
-FIELDS = ("terms", "stage_parameters", "final_output_weights")
+FIELDS = ("terms", "stage_parameters", "final_output_weights", "intervals", "blocks")
 """Fields of the problem."""
 RICCATI = "riccati_at"
 """Outputs about which the horizon ends with Riccati's cost [SI]."""

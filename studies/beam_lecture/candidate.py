@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.search.cross_validation import Validation, cross_validate
+from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.identification.identify import evaluate, identify
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.models.structure import Options
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Store
 
 CONTENT = "candidate.json"
 

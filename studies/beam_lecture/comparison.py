@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.shared import parallel
+from hybrid_sysid_ros.extensions.shared.parallel import Lost, Store
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.structure import Options, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Lost, Store
 from studies.beam_lecture.candidate import Candidate, Task, work
 
 Report = Callable[[Candidate], object]
@@ -71,7 +71,7 @@ def compare(
     """Fit structures with several seeds, score them on the tests, cross-validate them on the training data, and choose.
 
     part: of all training records, or of each. alike: of the blocks that are held out, see
-    :func:`~hybrid_sysid_ros.identification.selection.cross_validation.cross_validate`. options: of all
+    :func:`~hybrid_sysid_ros.extensions.search.cross_validation.cross_validate`. options: of all
     structures. jobs: processes, 0 for one a processor. told: gets each candidate as it is done. store: keeps finished
     candidates, and has those of an earlier run. A structure that can't be fitted, or whose process is killed again and
     again, is a candidate with an error; the others go on. The choice is the one-standard-error rule of Breiman et al.

@@ -19,12 +19,12 @@ from hybrid_sysid_ros.commands.terminal import (
     status,
     typed,
 )
+from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.models import Sampling, structure_names
 from hybrid_sysid_ros.models.structure import complete, options_of, parse
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
-from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
 from studies.beam_lecture import lecture
 from studies.beam_lecture.candidate import Candidate, CandidateStore

@@ -17,8 +17,8 @@ from rich.table import Table
 
 import hybrid_sysid_ros
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.extensions.search.cross_validation import cross_validate
 from hybrid_sysid_ros.identification.identify import evaluate, identify
-from hybrid_sysid_ros.identification.selection.cross_validation import cross_validate
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.support.errors import UserError

@@ -8,7 +8,7 @@ import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
-from hybrid_sysid_ros.control.problem import stage_costs
+from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import StateEstimate
 from tests.control import two_inputs

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-PAGE = Path(__file__).parents[2] / "docs" / "guides" / "mpc.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guides" / "mpc-problem.md"
 
 
 def test_the_blocks_of_the_guide_run_in_turn():
@@ -15,5 +15,6 @@ def test_the_blocks_of_the_guide_run_in_turn():
         exec(compile(block, str(PAGE), "exec"), known)
     assert known["answers"].solved.all()
     assert known["near"].solved.all()
-    assert np.abs(known["plan"].inputs - known["point"].inputs).max() < 1e-3
+    assert np.unique(known["plan"].inputs).size == 6
+    assert np.abs(known["stays"].inputs - known["point"].inputs).max() < 1e-3
     assert known["near"].iterations.mean() < known["answers"].iterations.mean()

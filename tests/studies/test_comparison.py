@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros.extensions.search.cross_validation import Validation
+from hybrid_sysid_ros.extensions.shared.parallel import Lost
 from hybrid_sysid_ros.identification import Part, evaluate
-from hybrid_sysid_ros.identification.selection.cross_validation import Validation
 from hybrid_sysid_ros.models import Model, Sampling, build
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Lost
 from studies.beam_lecture import candidate as candidates
 from studies.beam_lecture import comparison
 from studies.beam_lecture.candidate import Candidate, CandidateStore

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.extensions.search.cross_validation import Validation
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.selection.cross_validation import Validation
 from hybrid_sysid_ros.models import structure_names
 from studies.beam_lecture.candidate import Candidate
 from studies.beam_lecture.comparison import Comparison

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
-from hybrid_sysid_ros.control.mpc.condensing import clamp_inputs
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, instance_of
+from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult
 from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, answer, follow, plan_within, shift_trajectory
-from hybrid_sysid_ros.control.problem import StageWeights
+from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
@@ -186,7 +186,7 @@ def _advance(
 def _start(horizon: Horizon, instance: Instance, inputs: Array) -> None:
     """Take inputs (N, m) as the last plan; the solver finds their states."""
     assign_rows(inputs, horizon.inputs)
-    clamp_inputs(horizon, instance.previous, horizon.inputs)
+    clamp_inputs(horizon, instance.previous, horizon.inputs, True)
     for i in range(horizon.states.shape[0]):
         assign(horizon.states[i], instance.state)
     assign(horizon.disturbance, instance.disturbance)

@@ -12,7 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.control.mpc.curvature import factor
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
-from hybrid_sysid_ros.control.problem import stage_cost
+from hybrid_sysid_ros.control.stage_cost import StageWeights, stage_cost
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
@@ -28,15 +28,19 @@ def condense(horizon: Horizon, program: Program) -> None:
     """Compute states and outputs as functions of the inputs, the Gauss-Newton Hessian and the rows of bounds."""
     count, n = horizon.linear.reached.shape
     m, values, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
-    condensed, limits, hessian = horizon.condensed, horizon.limits, pointer(program.hessian)
+    condensed, hessian = horizon.condensed, pointer(program.hessian)
     response, sensitivity = pointer(condensed.input_response), pointer(condensed.output_sensitivity)
     for c in range(v * v):
         hessian[c] = 0.0
+    limits, weights = horizon.limits, horizon.weights
     for i in range(count):
         _propagate(horizon, i)
-        wide = (i + 1) * m
+        at = limits.moves[i] * m
+        wide = at + m
         for k in range(values):
-            row = (i * values + k) * v
+            row, weight = (i * values + k) * v, 2.0 * weights.outputs[i, k]
+            if not (weight != 0.0 or weights.prices[i, k] != 0.0 or _has_bound(weights, i, k)):
+                continue
             for c in range(wide):
                 sensitivity[row + c] = 0.0
             for a in range(n):
@@ -45,24 +49,28 @@ def condense(horizon: Horizon, program: Program) -> None:
                     for c in range(wide):
                         sensitivity[row + c] += slope * response[first + c]
             for j in range(m):
-                sensitivity[row + i * m + j] += horizon.linear.D[i, k, j]
-            weight = 2.0 * horizon.weights.outputs[i, k]
+                sensitivity[row + at + j] += horizon.linear.D[i, k, j]
             if weight != 0.0:
                 for c in range(wide):
                     slope, to = weight * sensitivity[row + c], c * v
                     for d in range(c + 1):
                         hessian[to + d] += slope * sensitivity[row + d]
     _weigh_inputs(horizon, program)
-    first = limits.rated.shape[0] * count
     for r in range(limits.bounded.shape[0]):
         for i in range(count):
-            for c in range((i + 1) * m):
-                program.rows[first + r * count + i, c] = condensed.input_response[i, limits.bounded[r], c]
-    first += limits.bounded.shape[0] * count
+            row = limits.state_rows[r, i]
+            for c in range((limits.moves[i] + 1) * m if row >= 0 else 0):
+                program.rows[row, c] = condensed.input_response[i, limits.bounded[r], c]
     for r in range(limits.values.shape[0]):
         for i in range(count):
-            for c in range((i + 1) * m):
-                program.rows[first + r * count + i, c] = condensed.output_sensitivity[i, limits.values[r], c]
+            row = limits.value_rows[r, i]
+            for c in range((limits.moves[i] + 1) * m if row >= 0 else 0):
+                program.rows[row, c] = condensed.output_sensitivity[i, limits.values[r], c]
+
+
+@inner
+def _has_bound(weights: StageWeights, i: int, k: int) -> bool:
+    return weights.value_low[i, k] > -math.inf or weights.value_high[i, k] < math.inf
 
 
 @inner
@@ -70,7 +78,8 @@ def _propagate(horizon: Horizon, i: int) -> None:
     """Compute state transition, input response and defect of an interval from those of the previous one."""
     linear, condensed = horizon.linear, horizon.condensed
     n, m, v = linear.A.shape[1], linear.B.shape[2], condensed.input_response.shape[2]
-    response = pointer(condensed.input_response)
+    response, at = pointer(condensed.input_response), horizon.limits.moves[i] * m
+    before = (horizon.limits.moves[i - 1] + 1) * m if i > 0 else 0
     for a in range(n):
         total = linear.reached[i, a] - horizon.states[i + 1, a]
         if i > 0:
@@ -88,28 +97,31 @@ def _propagate(horizon: Horizon, i: int) -> None:
         for b in range(n):
             slope, first = linear.A[i, a, b], ((i - 1) * n + b) * v
             if b == 0:
-                for c in range(i * m):
+                for c in range(before):
                     response[to + c] = slope * response[first + c]
             else:
-                for c in range(i * m):
+                for c in range(before):
                     response[to + c] += slope * response[first + c]
+        for c in range(before, at + m):
+            response[to + c] = 0.0
         for j in range(m):
-            response[to + i * m + j] = linear.B[i, a, j]
+            response[to + at + j] += linear.B[i, a, j]
 
 
 @inner
 def _weigh_inputs(horizon: Horizon, program: Program) -> None:
     """Add the weights of inputs and their changes, and the least curvature, to the upper half of the Hessian."""
     count, m = horizon.inputs.shape
-    hessian, v = program.hessian, program.gradient.shape[0]
+    hessian, v, moves, weights = program.hessian, program.gradient.shape[0], horizon.limits.moves, horizon.weights
     largest = 0.0
     for i in range(count):
+        new = i == 0 or moves[i] != moves[i - 1]
         for j in range(m):
-            c = i * m + j
-            hessian[c, c] += 2.0 * (horizon.weights.rates[i, j] + horizon.weights.inputs[i, j])
-            if i + 1 < count:
-                hessian[c, c] += 2.0 * horizon.weights.rates[i + 1, j]
-                hessian[c + m, c] -= 2.0 * horizon.weights.rates[i + 1, j]
+            c = moves[i] * m + j
+            hessian[c, c] += 2.0 * ((weights.rates[i, j] if new else 0.0) + weights.inputs[i, j])
+            if i + 1 < count and moves[i + 1] != moves[i]:
+                hessian[c, c] += 2.0 * weights.rates[i + 1, j]
+                hessian[c + m, c] -= 2.0 * weights.rates[i + 1, j]
             largest = max(largest, hessian[c, c])
     for c in range(v):
         hessian[c, c] += LEAST_CURVATURE * largest
@@ -165,24 +177,30 @@ def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off
             if k >= p:
                 slope += weights.prices[i, k]
             if slope != 0.0:
-                for c in range((i + 1) * m):
+                for c in range((horizon.limits.moves[i] + 1) * m):
                     gradient[c] += slope * sensitivity[row + c]
         for j in range(m):
             _bound_input(horizon, program, i, j, inputs[i, j] - before[j])
         for r in range(horizon.limits.bounded.shape[0]):
             a = horizon.limits.bounded[r]
             expected = horizon.states[i + 1, a] + deviation[a]
-            row = v + (horizon.limits.rated.shape[0] + r) * count + i
-            program.lower[row] = max(weights.low[a] - expected, -NO_BOUND)
-            program.upper[row] = min(weights.high[a] - expected, NO_BOUND)
+            _bound_row(program, horizon.limits.state_rows[r, i], weights.low[i, a], weights.high[i, a], expected)
         for r in range(horizon.limits.values.shape[0]):
             k = horizon.limits.values[r]
             expected = horizon.linear.outputs[i, k]
             for a in range(n):
                 expected += horizon.linear.C[i, k, a] * deviation[a]
-            row = v + (horizon.limits.rated.shape[0] + horizon.limits.bounded.shape[0] + r) * count + i
-            program.lower[row] = max(weights.value_low[i, k] - expected, -NO_BOUND)
-            program.upper[row] = min(weights.value_high[i, k] - expected, NO_BOUND)
+            low, high = weights.value_low[i, k], weights.value_high[i, k]
+            _bound_row(program, horizon.limits.value_rows[r, i], low, high, expected)
+
+
+@inner
+def _bound_row(program: Program, row: int, low: float, high: float, expected: float) -> None:
+    """Set the bounds of a row to what is left of them where a value is expected."""
+    if row >= 0:
+        v = program.gradient.shape[0]
+        program.lower[v + row] = max(low - expected, -NO_BOUND)
+        program.upper[v + row] = min(high - expected, NO_BOUND)
 
 
 @inner
@@ -191,42 +209,39 @@ def correct_bounds(horizon: Horizon, program: Program) -> bool:
     simulated, as if it were linear; False where none of them is active.
     """
     count, v, limits, weights = horizon.inputs.shape[0], program.gradient.shape[0], horizon.limits, horizon.weights
-    rows, first = pointer(program.rows), limits.rated.shape[0]
-    states, values = limits.bounded.shape[0], limits.values.shape[0]
+    rows, states, values = pointer(program.rows), limits.bounded.shape[0], limits.values.shape[0]
     active = False
     for r in range(states + values):
         for i in range(count):
-            row = (first + r) * count + i
+            row = limits.state_rows[r, i] if r < states else limits.value_rows[r - states, i]
+            if row < 0:
+                continue
             active = active or program.multipliers[v + row] != 0.0
             if r < states:
                 a = limits.bounded[r]
-                found, low, high = horizon.states[i + 1, a], weights.low[a], weights.high[a]
+                found, low, high = horizon.states[i + 1, a], weights.low[i, a], weights.high[i, a]
             else:
                 k = limits.values[r - states]
                 found, low, high = horizon.linear.outputs[i, k], weights.value_low[i, k], weights.value_high[i, k]
             for c in range(v):
                 found -= rows[row * v + c] * program.solution[c]
-            program.lower[v + row] = max(low - found, -NO_BOUND)
-            program.upper[v + row] = min(high - found, NO_BOUND)
+            _bound_row(program, row, low, high, found)
     return active
 
 
 @inner
 def _bound_input(horizon: Horizon, program: Program, i: int, j: int, change: float) -> None:
     """Set the bounds of one input and its change, and their parts of the gradient."""
-    count, m = horizon.inputs.shape
-    c, u = i * m + j, horizon.inputs[i, j]
-    slope = 2.0 * horizon.weights.rates[i, j] * change
+    m, limits, u = horizon.inputs.shape[1], horizon.limits, horizon.inputs[i, j]
+    c, slope = limits.moves[i] * m + j, 2.0 * horizon.weights.rates[i, j] * change
     program.gradient[c] += slope + 2.0 * horizon.weights.inputs[i, j] * u
     if i > 0:
-        program.gradient[c - m] -= slope
-    program.lower[c] = horizon.limits.low[j] - u
-    program.upper[c] = horizon.limits.high[j] - u
-    for r in range(horizon.limits.rated.shape[0]):
-        if horizon.limits.rated[r] == j:
-            row = count * m + r * count + i
-            program.lower[row] = -horizon.limits.rate[j] - change
-            program.upper[row] = horizon.limits.rate[j] - change
+        program.gradient[limits.moves[i - 1] * m + j] -= slope
+    program.lower[c] = limits.low[j] - u
+    program.upper[c] = limits.high[j] - u
+    for r in range(limits.rated.shape[0]):
+        if limits.rated[r] == j:
+            _bound_row(program, limits.rate_rows[r, i], -limits.rate[j], limits.rate[j], change)
 
 
 @inner
@@ -240,7 +255,7 @@ def _predicted_deviation(horizon: Horizon, instance: Instance, i: int, deviation
         for j in range(m):
             shifted = instance.disturbance[j] - horizon.disturbance[j]
             if shifted != 0.0:
-                for k in range(i + 1):
+                for k in range(horizon.limits.moves[i] + 1):
                     total += horizon.condensed.input_response[i, a, k * m + j] * shifted
         deviation[a] = total
 
@@ -272,7 +287,9 @@ def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None
             for a in range(n):
                 after[a] += slope * horizon.linear.C[i, k, a]
         for r in range(horizon.limits.bounded.shape[0]):
-            after[horizon.limits.bounded[r]] += program.multipliers[v + (horizon.limits.rated.shape[0] + r) * count + i]
+            row = horizon.limits.state_rows[r, i]
+            if row >= 0:
+                after[horizon.limits.bounded[r]] += program.multipliers[v + row]
         for b in range(n):
             total = 0.0
             for a in range(n):
@@ -298,7 +315,7 @@ def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
         step.states[0, a] = instance.state[a] - horizon.states[0, a]
     for i in range(count):
         for j in range(m):
-            step.inputs[i, j] = program.solution[i * m + j]
+            step.inputs[i, j] = program.solution[horizon.limits.moves[i] * m + j]
             u[j] = horizon.inputs[i, j] + step.inputs[i, j]
         for a in range(n):
             total = linear.reached[i, a] - horizon.states[i + 1, a]
@@ -331,20 +348,3 @@ def apply_step(horizon: Horizon, length: float) -> None:
     for i in range(horizon.states.shape[0]):
         for a in range(horizon.states.shape[1]):
             horizon.states[i, a] += length * horizon.step.states[i, a]
-
-
-@inner
-def clamp_inputs(horizon: Horizon, previous: Array, inputs: Array) -> None:
-    """Limit inputs (N, m) to their bounds and rate limits after ``previous`` (m,); the last value replaces NaN."""
-    limits = horizon.limits
-    for j in range(inputs.shape[1]):
-        before = previous[j]
-        before = min(max(before, limits.low[j]), limits.high[j]) if math.isfinite(before) else math.nan
-        for i in range(inputs.shape[0]):
-            u = inputs[i, j]
-            if not math.isfinite(u):
-                u = before if math.isfinite(before) else 0.0
-            if math.isfinite(before):
-                u = min(max(u, before - limits.rate[j]), before + limits.rate[j])
-            before = min(max(u, limits.low[j]), limits.high[j])
-            inputs[i, j] = before

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import end_of_interval, set_out, set_stage
@@ -66,17 +67,16 @@ def bend_values(prediction: PredictionModel, horizon: Horizon, program: Program,
 @inner
 def factor(horizon: Horizon, program: Program, instance: Instance, i: int, k: int) -> float:
     """The factor of value k of stage i in the Lagrangian, with the last multipliers."""
-    count, v, p = horizon.inputs.shape[0], program.gradient.shape[0], instance.preview.shape[1]
+    v, p = program.gradient.shape[0], instance.preview.shape[1]
     error = horizon.linear.outputs[i, k]
     if k < p:
         error -= instance.preview[i, k]
     total = 2.0 * horizon.weights.outputs[i, k] * error
     if k >= p:
         total += horizon.weights.prices[i, k]
-        first = v + (horizon.limits.rated.shape[0] + horizon.limits.bounded.shape[0]) * count
         for r in range(horizon.limits.values.shape[0]):
-            if horizon.limits.values[r] == k:
-                total += program.multipliers[first + r * count + i]
+            if horizon.limits.values[r] == k and horizon.limits.value_rows[r, i] >= 0:
+                total += program.multipliers[v + horizon.limits.value_rows[r, i]]
     return total
 
 
@@ -152,16 +152,18 @@ def add_curvature(horizon: Horizon, program: Program, bending: bool) -> None:
     moved, bent = np.zeros((n + m, v)), np.zeros((n + m, v))
     e = pointer(moved)
     input_response = pointer(horizon.condensed.input_response)
+    wide = 0
     for i in range(count):
-        wide = (i + 1) * m
+        before, at = wide, horizon.limits.moves[i] * m
+        wide = at + m
         for a in range(n):
-            for c in range(i * m):
+            for c in range(before):
                 e[a * v + c] = input_response[((i - 1) * n + a) * v + c]
-            for c in range(i * m, wide):
+            for c in range(before, wide):
                 e[a * v + c] = 0.0
         for j in range(m):
             for c in range(wide):
-                e[(n + j) * v + c] = 1.0 if c == i * m + j else 0.0
+                e[(n + j) * v + c] = 1.0 if c == at + j else 0.0
         _add_block(program, horizon.lagrangian.curvature[i], moved, bent, wide)
         if bending:
             for a in range(n):
@@ -221,23 +223,15 @@ def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
 @inner
 def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
     """Add curvature across the bounds and rate limits that are active in the last solution."""
-    (count, m), v = horizon.inputs.shape, program.gradient.shape[0]
+    v, limits = program.gradient.shape[0], horizon.limits
     for c in range(v):
         if program.multipliers[c] != 0.0:
             program.hessian[c, c] += hold
-    for r in range(horizon.limits.rated.shape[0]):
-        for i in range(count):
-            if program.multipliers[v + r * count + i] != 0.0:
-                c = i * m + horizon.limits.rated[r]
-                program.hessian[c, c] += hold
-                if i > 0:
-                    program.hessian[c - m, c - m] += hold
-                    program.hessian[c, c - m] -= hold
-                    program.hessian[c - m, c] -= hold
-    first = (horizon.limits.rated.shape[0] + horizon.limits.bounded.shape[0]) * count
-    for r in range(horizon.limits.values.shape[0]):
-        if horizon.limits.hard[r]:
-            _price_rows(program, first + r * count, count, hold)
+    for r in range(limits.rated.shape[0]):
+        _price_rows(program, limits.rate_rows[r], hold)
+    for r in range(limits.values.shape[0]):
+        if limits.hard[r]:
+            _price_rows(program, limits.value_rows[r], hold)
 
 
 @inner
@@ -245,23 +239,21 @@ def _price_active(horizon: Horizon, program: Program) -> None:
     """Add the curvature of the price across the soft bounds that are active in the last solution. The program has it
     outside its Hessian, which must be positive definite alone; more would hold a state outside the bounds.
     """
-    limits, weights, count = horizon.limits, horizon.weights, horizon.inputs.shape[0]
-    first = limits.rated.shape[0] * count
+    limits, weights = horizon.limits, horizon.weights
     for r in range(limits.bounded.shape[0]):
-        _price_rows(program, first + r * count, count, 2.0 * weights.quadratic[limits.bounded[r]])
-    first += limits.bounded.shape[0] * count
+        _price_rows(program, limits.state_rows[r], 2.0 * weights.quadratic[limits.bounded[r]])
     for r in range(limits.values.shape[0]):
         if not limits.hard[r]:
-            _price_rows(program, first + r * count, count, 2.0 * weights.value_quadratic[limits.values[r]])
+            _price_rows(program, limits.value_rows[r], 2.0 * weights.value_quadratic[limits.values[r]])
 
 
 @inner
-def _price_rows(program: Program, first: int, count: int, price: float) -> None:
-    """Add price r'r to the Hessian for each row r of the program that is active, out of ``count``."""
+def _price_rows(program: Program, numbers: NDArray[np.int64], price: float) -> None:
+    """Add price r'r to the Hessian for each row r of the program that is active, out of those of some numbers."""
     v, hessian, rows = program.gradient.shape[0], pointer(program.hessian), pointer(program.rows)
-    for i in range(count):
-        if program.multipliers[v + first + i] != 0.0:
-            row = (first + i) * v
+    for i in range(numbers.shape[0]):
+        if numbers[i] >= 0 and program.multipliers[v + numbers[i]] != 0.0:
+            row = numbers[i] * v
             for c in range(v):
                 slope = price * rows[row + c]
                 if slope != 0.0:

@@ -1,7 +1,7 @@
 """The memory of one horizon: the instance, the prediction model, a trajectory and the problem linearised around it.
 
-N = horizon, n = states, m = inputs, p = outputs, r = values of a stage: outputs and terms, v = N m: all inputs in a
-row, u_0 first.
+N = horizon, n = states, m = inputs, p = outputs, r = values of a stage: outputs and terms, v: all inputs in a row, u_0
+first, but once for each block of intervals through which they are held.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights
+from hybrid_sysid_ros.control.problem import ControlProblem
+from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
@@ -104,14 +105,22 @@ class InputLimits(Shared):
     """(m,)."""
     rate: Array
     """Largest changes, (m,)."""
+    moves: NDArray[np.int64]
+    """Number of the block of each interval, (N,): inputs are held through a block."""
     rated: NDArray[np.int64]
-    """Inputs whose changes are limited: N rows each in the quadratic program."""
+    """Inputs whose changes are limited, (R,)."""
     bounded: NDArray[np.int64]
-    """States with bounds: N rows each after those."""
+    """States with bounds, (S,)."""
     values: NDArray[np.int64]
-    """Values with bounds: N rows each after those."""
+    """Values with bounds, (V,)."""
     hard: NDArray[np.bool_]
-    """Whether those bounds hold without exception."""
+    """Whether those bounds hold without exception, (V,)."""
+    rate_rows: NDArray[np.int64]
+    """Rows of the quadratic program, (R, N); -1: none, as without a bound or within a block."""
+    state_rows: NDArray[np.int64]
+    """(S, N)."""
+    value_rows: NDArray[np.int64]
+    """(V, N)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -257,11 +266,22 @@ def new_instance(system: System, problem: ControlProblem) -> tuple[Array, Instan
 def new_horizon(system: System, problem: ControlProblem) -> Horizon:
     """The memory of a problem that is sized."""
     n, m, p, count = len(system.states), len(system.inputs), len(system.outputs), problem.horizon
-    weights, rate, v = problem.weights, np.array(problem.rate_limits), problem.horizon * len(system.inputs)
+    weights, rate, moves = problem.weights, np.array(problem.rate_limits), problem.moves
+    v = int(moves[-1] + 1) * m
     path = {"states": (count + 1, n), "inputs": (count, m)}
     r, arguments = weights.outputs.shape[1], len(problem.outputs_of(system).inputs)
-    limited = np.isfinite(weights.value_low).any(axis=0) | np.isfinite(weights.value_high).any(axis=0)
     hard = np.array([False] * p + [term.hard for term in problem.terms])
+    new, last = np.diff(moves, prepend=-1) > 0, np.diff(moves, append=moves[-1] + 1) > 0
+    limited = np.isfinite(weights.value_low) | np.isfinite(weights.value_high)
+    rows, total = [], 0
+    for exists in (
+        np.isfinite(rate) & new[:, None],
+        np.isfinite(weights.low) | np.isfinite(weights.high),
+        limited & (last[:, None] | ~hard),  # hard ones depend on the inputs of a block alone
+    ):
+        rows.append(np.where(exists.T, total + np.cumsum(exists.T).reshape(exists.T.shape) - 1, -1))
+        total += np.count_nonzero(exists)
+    rated, bounded, values = (np.flatnonzero((each >= 0).any(axis=1)) for each in rows)
     return Horizon(
         **_zeros(**path, disturbance=(m,), planned=(count, m), simulated=(count + 1, n)),
         last=HorizonTrajectory(**_zeros(**path, disturbance=(m,))),
@@ -270,10 +290,14 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
             low=np.array(problem.input_low),
             high=np.array(problem.input_high),
             rate=rate,
-            rated=np.flatnonzero(np.isfinite(rate)),
-            bounded=np.flatnonzero(np.isfinite(weights.low) | np.isfinite(weights.high)),
-            values=np.flatnonzero(limited),
-            hard=hard[limited],
+            moves=moves,
+            rated=rated,
+            bounded=bounded,
+            values=values,
+            hard=hard[values],
+            rate_rows=rows[0][rated],
+            state_rows=rows[1][bounded],
+            value_rows=rows[2][values],
         ),
         linear=HorizonLinearisation(
             **_zeros(reached=(count, n), outputs=(count, r)),

@@ -131,8 +131,11 @@ def keep_hard(prediction: PredictionModel, horizon: Horizon) -> None:
     """
     limits, weights, linear, slopes = horizon.limits, horizon.weights, horizon.linear, horizon.work.slopes
     n, m = linear.B.shape[1:]
-    for i in range(horizon.inputs.shape[0]):
+    count = horizon.inputs.shape[0]
+    for i in range(count):
         u = horizon.inputs[i]
+        if i > 0 and limits.moves[i] == limits.moves[i - 1]:
+            assign(u, horizon.inputs[i - 1])
         for _ in range(RESTORATIONS):
             set_out(horizon, i)
             _evaluate(prediction, horizon, i)
@@ -152,3 +155,6 @@ def keep_hard(prediction: PredictionModel, horizon: Horizon) -> None:
                         u[j] = min(max(u[j] - move, limits.low[j]), limits.high[j])
             if most == 0.0:
                 break
+    for i in range(count - 2, -1, -1):
+        if limits.moves[i] == limits.moves[i + 1]:
+            assign(horizon.inputs[i], horizon.inputs[i + 1])

@@ -12,7 +12,6 @@ import numpy as np
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import (
-    clamp_inputs,
     condense,
     correct_bounds,
     cost_of,
@@ -28,6 +27,7 @@ from hybrid_sysid_ros.control.mpc.curvature import (
     update_curvature,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
+from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, keep_hard, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
 from hybrid_sysid_ros.core.call import pointer
@@ -81,7 +81,7 @@ def solve(
     """Iterate by Gauss-Newton, and where that is slow by Newton's method. anew: False continues the previous call."""
     assign(horizon.states[0], instance.state)
     assign(horizon.disturbance, instance.disturbance)
-    clamp_inputs(horizon, instance.previous, horizon.inputs)
+    clamp_inputs(horizon, instance.previous, horizon.inputs, True)
     progress = horizon.progress[0]
     if anew:
         progress.steps, progress.residual, progress.with_curvature = 0, 0.0, False
@@ -241,4 +241,4 @@ def _move(horizon: Horizon, step: Array, length: float) -> None:
     count, m = horizon.inputs.shape
     for i in range(count):
         for j in range(m):
-            horizon.inputs[i, j] += length * step[i * m + j]
+            horizon.inputs[i, j] += length * step[horizon.limits.moves[i] * m + j]

@@ -15,12 +15,12 @@ import numpy as np
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import (
     apply_step,
-    clamp_inputs,
     condense,
     evaluate_program,
     expand,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_horizon, prediction
+from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
 from hybrid_sysid_ros.control.mpc.linearisation import (
     advance_interval,
     assign,
@@ -31,7 +31,8 @@ from hybrid_sysid_ros.control.mpc.linearisation import (
 )
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
-from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights, excess, stage_cost
+from hybrid_sysid_ros.control.problem import ControlProblem
+from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -58,24 +59,26 @@ def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
     Raises UserError for a problem with other numbers of inputs, outputs or states.
     """
     problem = problem.sized(system)
-    horizon, count, m = new_horizon(system, problem), problem.horizon, len(system.inputs)
+    horizon, m = new_horizon(system, problem), len(system.inputs)
     weights, limits = horizon.weights, horizon.limits
     rated = len(limits.rated)
     soft = np.concatenate([np.zeros(rated, bool), np.ones(len(limits.bounded), bool), ~limits.hard])
     linear = [np.zeros(rated), weights.linear[limits.bounded], weights.value_linear[limits.values]]
     squares = [np.ones(rated), weights.quadratic[limits.bounded], weights.value_quadratic[limits.values]]
+    rows = np.concatenate([limits.rate_rows, limits.state_rows, limits.value_rows])
+    of_row = np.nonzero(rows >= 0)[0]
     program, memory = quadratic.quadratic_program(
-        count * m,
-        count * len(soft),
-        soft_rows=np.repeat(soft, count),
-        soft_linear=np.repeat(np.concatenate(linear), count),
-        soft_quadratic=np.repeat(np.concatenate(squares), count),
+        horizon.condensed.input_response.shape[2],
+        len(of_row),
+        soft_rows=soft[of_row],
+        soft_linear=np.concatenate(linear)[of_row],
+        soft_quadratic=np.concatenate(squares)[of_row],
     )
-    for r, j in enumerate(horizon.limits.rated):
-        for i in range(count):
-            program.rows[r * count + i, i * m + j] = 1.0
-            if i > 0:
-                program.rows[r * count + i, (i - 1) * m + j] = -1.0
+    for j, of in zip(limits.rated, limits.rate_rows, strict=True):
+        for block, row in enumerate(of[of >= 0]):
+            program.rows[row, block * m + j] = 1.0
+            if block > 0:
+                program.rows[row, (block - 1) * m + j] = -1.0
     return HorizonMemory(prediction=prediction(system, problem), horizon=horizon, program=program, memory=memory)
 
 
@@ -156,14 +159,14 @@ def follow(
         before = instance.previous if i == 0 else inputs[i - 1]
         cost += stage_cost(weights, i, y, instance.preview[i], inputs[i], before, x)
         for a in range(n):
-            largest = max(largest, excess(weights, a, x[a]))
+            largest = max(largest, excess(weights, i, a, x[a]))
     return cost, largest
 
 
 @kernel
 def bound_inputs(horizon: Horizon, previous: Array, inputs: Array) -> None:
     """Limit inputs (N, m) to their bounds and rate limits after ``previous`` (m,)."""
-    clamp_inputs(horizon, previous, inputs)
+    clamp_inputs(horizon, previous, inputs, False)
 
 
 @kernel
@@ -178,6 +181,9 @@ def forget(program: Program) -> None:
 @kernel
 def prepare_program(prediction: PredictionModel, horizon: Horizon, program: Program) -> None:
     """The preparation phase: linearise around the trajectory and condense."""
+    for i in range(1, horizon.inputs.shape[0]):
+        if horizon.limits.moves[i] == horizon.limits.moves[i - 1]:
+            assign(horizon.inputs[i], horizon.inputs[i - 1])
     linearise(prediction, horizon, prediction.smoothing, False)
     condense(horizon, program)
 
@@ -287,7 +293,7 @@ def plan(horizon: Horizon, instance: Instance) -> None:
 def plan_within(horizon: Horizon, instance: Instance) -> None:
     """Write the plan: inputs of the trajectory within all limits after the previous input."""
     assign_rows(horizon.inputs, horizon.planned)
-    clamp_inputs(horizon, instance.previous, horizon.planned)
+    clamp_inputs(horizon, instance.previous, horizon.planned, False)
 
 
 @kernel

@@ -12,6 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.scenarios import plant_near
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.accuracy.guarded_loop import guarded_loop
 from hybrid_sysid_ros.extensions.accuracy.loop_measures import loop_numbers, quantities
 from hybrid_sysid_ros.extensions.accuracy.node_loop import node_loop
 from hybrid_sysid_ros.extensions.accuracy.statistics import ShotQuantity, Shots
@@ -21,7 +22,6 @@ from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.controllers import controller_of
-from hybrid_sysid_ros.runtime.guarded_loop import guarded_loop
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays

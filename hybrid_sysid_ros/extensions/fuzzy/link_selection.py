@@ -10,8 +10,8 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.fuzzy.clustering import HALF, k_means
 from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
 from hybrid_sysid_ros.extensions.fuzzy.memberships import packed
+from hybrid_sysid_ros.extensions.shared.regression import Regression, least_squares
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
-from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -11,8 +11,8 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.fuzzy.clustering import fuzzy_c_means, gustafson_kessel
 from hybrid_sysid_ros.extensions.fuzzy.memberships import memberships, packed
 from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
+from hybrid_sysid_ros.extensions.shared.regression import Regression, least_squares
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
-from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

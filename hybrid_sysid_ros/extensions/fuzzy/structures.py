@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
 from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
+from hybrid_sysid_ros.extensions.shared.lagged import Lagged
 from hybrid_sysid_ros.models.fit import Fit, FitContext
-from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structure import Option, Structure
 

@@ -12,7 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.core import Parameter
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.extensions.fuzzy.memberships import Memberships, unpacked
-from hybrid_sysid_ros.models.lagged import Lagged
+from hybrid_sysid_ros.extensions.shared.lagged import Lagged
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from hybrid_sysid_ros.extensions.shared.lagged import Lagged
 from hybrid_sysid_ros.identification.fitting import STAGES, FitProgress, fit
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
-from hybrid_sysid_ros.models.lagged import Lagged
 
 RIDGE = 1e-12
 """Clusters have chosen where rules are: nothing pulls their numbers to zero."""

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
 from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS, words_of
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
-from hybrid_sysid_ros.rigs.units import named
+from hybrid_sysid_ros.extensions.shared.units import named
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper

@@ -19,8 +19,8 @@ from hybrid_sysid_ros.extensions.importing.mapping import (
     ratio,
     seconds_of,
 )
+from hybrid_sysid_ros.extensions.shared.units import named
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.units import named
 from hybrid_sysid_ros.support.errors import UserError, UserErrors
 
 TIMES = (

@@ -10,8 +10,8 @@ from typing import Any
 import yaml
 
 from hybrid_sysid_ros.bags.signals import HOLDS
+from hybrid_sysid_ros.extensions.shared.units import SYMBOLS, named
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.units import SYMBOLS, named
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.files import written_file
 from hybrid_sysid_ros.support.structured import built, read_mapping, refuse_endless, refuse_unknown, section

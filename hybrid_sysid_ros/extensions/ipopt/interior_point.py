@@ -117,13 +117,14 @@ def _statement(system: System, problem: ControlProblem, tolerance: float) -> tup
     hard = np.array([False] * p + [term.hard for term in problem.terms])
     limited = (np.isfinite(weights.value_low) | np.isfinite(weights.value_high)) & ~hard
     has_bound = np.isfinite(weights.low) | np.isfinite(weights.high)
-    rate = np.tile(problem.rate_limits, count)
+    new = np.diff(problem.moves, prepend=-1) > 0
+    rate = np.where(new[:, None], problem.rate_limits, 0.0).ravel()
     rows = [
         (x[:, 0] - initial, np.zeros(n), np.zeros(n)),
         (casadi.vec(ends - x[:, 1:]), np.zeros(n * count), np.zeros(n * count)),
         (casadi.vec(change), -rate, rate),
-        (casadi.vec(x[:, 1:] + outside), np.tile(weights.low, count), np.full(n * count, np.inf)),
-        (casadi.vec(x[:, 1:] - outside), np.full(n * count, -np.inf), np.tile(weights.high, count)),
+        (casadi.vec(x[:, 1:] + outside), weights.low.ravel(), np.full(n * count, np.inf)),
+        (casadi.vec(x[:, 1:] - outside), np.full(n * count, -np.inf), weights.high.ravel()),
     ]
     if problem.terms:
         rows += [
@@ -131,7 +132,7 @@ def _statement(system: System, problem: ControlProblem, tolerance: float) -> tup
             (casadi.vec(y - beyond), np.full(values * count, -np.inf), weights.value_high.ravel()),
         ]
     free = np.full(x.numel(), np.inf)
-    most = np.tile(np.where(has_bound, np.inf, 0.0), count)
+    most = np.where(has_bound, np.inf, 0.0).ravel()
     bounds = {
         "lbx": np.concatenate([np.tile(problem.input_low, count), -free, np.zeros((n + priced) * count)]),
         "ubx": np.concatenate(

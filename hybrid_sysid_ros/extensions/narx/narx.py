@@ -8,7 +8,7 @@ from typing import Any
 
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.extensions.narx.polynomial import Polynomial
-from hybrid_sysid_ros.models.lagged import Lagged
+from hybrid_sysid_ros.extensions.shared.lagged import Lagged
 from hybrid_sysid_ros.support.errors import UserError
 
 Term = tuple[int, ...]

@@ -20,6 +20,7 @@ from hybrid_sysid_ros.extensions.policies.counting import certify
 from hybrid_sysid_ros.extensions.policies.criteria import SETTLED, Criteria
 from hybrid_sysid_ros.extensions.policies.mixture import Mixture
 from hybrid_sysid_ros.extensions.policies.trial import Trial
+from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -36,7 +37,6 @@ from hybrid_sysid_ros.runtime.configuration import (
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
-from hybrid_sysid_ros.support.parallel import Store
 
 TRACKING_SHARE = 0.05
 """Of the amplitude of a reference: by how much the tracking may be worse than the exact MPC's in the end."""

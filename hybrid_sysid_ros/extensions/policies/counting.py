@@ -18,12 +18,12 @@ from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.extensions.policies.criteria import COST, ERROR, EXACT, JUDGED, UNSOLVED, WORST_PERIOD
 from hybrid_sysid_ros.extensions.policies.mixture import BEGINNINGS, STRATA
 from hybrid_sysid_ros.extensions.policies.trial import KKT_TOLERANCE, Drivers, Trial, measured
+from hybrid_sysid_ros.extensions.shared import parallel
+from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.models.storage import plain
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import StageProgress
 
 CHUNK = 32

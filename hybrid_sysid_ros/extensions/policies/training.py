@@ -25,11 +25,11 @@ from hybrid_sysid_ros.extensions.policies.network import (
     single,
 )
 from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sampled
+from hybrid_sysid_ros.extensions.shared import parallel
+from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.models import Model
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import StageProgress
 from hybrid_sysid_ros.support.threads import one_torch_thread
 

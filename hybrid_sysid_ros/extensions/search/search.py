@@ -9,13 +9,13 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.search.cross_validation import Validation, cross_validate
+from hybrid_sysid_ros.extensions.shared.parallel import Lost, Workers
 from hybrid_sysid_ros.identification.identify import identify
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.models import Model, Option, Options, Sampling, options_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Lost, Workers
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.extensions.search.study import Evaluation, Study

@@ -21,15 +21,15 @@ from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import parameter_ro
 from hybrid_sysid_ros.extensions.accuracy.setup import Setup
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy
 from hybrid_sysid_ros.extensions.accuracy.verdict import Found
+from hybrid_sysid_ros.extensions.shared.cluster import Cluster
+from hybrid_sysid_ros.extensions.shared.parallel import Lost, Store, Workers, resumed, workers_for
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.arrays import NamedArrays
-from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import check_file, make_folder, written_file
-from hybrid_sysid_ros.support.parallel import Lost, Store, Workers, resumed, workers_for
 from hybrid_sysid_ros.support.progress import progress_bars
 
 WORDS = {True: "yes", False: "NO", None: "open"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import COUNT, PERCENT, PLAIN, TIME, Unit
+from hybrid_sysid_ros.extensions.shared.units import COUNT, PERCENT, PLAIN, TIME, Unit
 from hybrid_sysid_ros.support.errors import UserError
 
 MOST = 20  # clauses

@@ -13,10 +13,10 @@ from hybrid_sysid_ros.core import Variable, compiled, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.extensions.narx.narx import Narx
 from hybrid_sysid_ros.extensions.narx.term_selection import select_terms
+from hybrid_sysid_ros.extensions.shared.lagged import REACH
 from hybrid_sysid_ros.identification import PreparedRecord, free_run, prepare, score
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.lagged import REACH
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import DRIVE, POSITION
 from tests.one_joint import narx as narx_of

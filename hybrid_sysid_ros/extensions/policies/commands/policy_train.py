@@ -9,12 +9,12 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import ClusterAddress, Overwrite, OwnRig, Seed, WorkerCount, print_table, status
+from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.library.policies import DEFAULT, train_policy
 from hybrid_sysid_ros.models.structure import parse
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_folder
-from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
 
 

@@ -9,8 +9,8 @@ from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample
 from hybrid_sysid_ros.extensions.policies.tests.test_samples import CARTS_SPREAD, some_samples
+from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Store
 from tests.linear_policies import CARTS
 from tests.small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of
 

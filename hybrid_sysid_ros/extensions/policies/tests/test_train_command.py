@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.extensions.policies.commands import policy_train
-from hybrid_sysid_ros.support.parallel import Store
+from hybrid_sysid_ros.extensions.shared.parallel import Store
 from tests.command_line import PLACES, refused, refused_place
 
 

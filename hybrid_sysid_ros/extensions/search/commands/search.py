@@ -15,13 +15,13 @@ from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, TrialResult, search, trial_name
 from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, opened_study
+from hybrid_sysid_ros.extensions.shared.cluster import Cluster
+from hybrid_sysid_ros.extensions.shared.parallel import Processes, Workers
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
-from hybrid_sysid_ros.support.parallel import Processes, Workers
 from hybrid_sysid_ros.support.progress import progress_bars
 
 SHOWN = 5

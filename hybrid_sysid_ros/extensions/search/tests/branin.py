@@ -13,8 +13,8 @@ from typing import Any
 
 from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, trial_name
 from hybrid_sysid_ros.extensions.search.study import opened_study
+from hybrid_sysid_ros.extensions.shared import parallel
 from hybrid_sysid_ros.models import Option, Options
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
 
 MINIMUM = 0.397887

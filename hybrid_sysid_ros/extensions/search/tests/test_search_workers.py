@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.search.tests.branin import (
     study_of,
     wait_for,
 )
-from hybrid_sysid_ros.support.cluster import Cluster
+from hybrid_sysid_ros.extensions.shared.cluster import Cluster
 from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("optuna", reason="needs hybrid_sysid_ros[search]")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
+from hybrid_sysid_ros.extensions.accuracy.guarded_loop import guarded_loop
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.runtime.guarded_loop import guarded_loop
 from hybrid_sysid_ros.runtime.parameters import shipped
 
 PERIOD, BEGIN = 0.02, 0.6
@@ -21,7 +21,7 @@ def vehicle():
     return rig, guarded_loop(rig, model, {"policy": "exact"})
 
 
-def flown(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0, jump=0.0):
+def driven_loop(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0, jump=0.0):
     """States of the loop, the plant in the end, and the deflections: with an offset of the elevator, a sign of the
     pitch rate, one of the elevator, which is measured, and a jump of the measured speed [m/s], from BEGIN on.
     """
@@ -48,13 +48,13 @@ def flown(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0, jump=0.0):
 
 @pytest.mark.parametrize("offset", [-0.009, 0.009])
 def test_an_offset_of_three_of_the_certificate_s_deviations_is_no_fault(vehicle, offset):
-    levels, plant, _ = flown(vehicle, 3.0, offset=offset)
+    levels, plant, _ = driven_loop(vehicle, 3.0, offset=offset)
     assert levels == {LoopState.DRIVING}
     assert abs(plant.state[ANGLE]) < 0.01
 
 
 def test_a_pitch_rate_of_the_wrong_sign_is_left_out_before_the_vehicle_is_lost(vehicle):
-    levels, plant, _ = flown(vehicle, 3.0, sign=-1.0)
+    levels, plant, _ = driven_loop(vehicle, 3.0, sign=-1.0)
     assert vehicle[1].estimator.monitor.counts == [0, 0, 0, 0, 1]
     assert LoopState.RESTING not in levels
     assert abs(plant.state[ANGLE]) < 0.01
@@ -62,14 +62,14 @@ def test_a_pitch_rate_of_the_wrong_sign_is_left_out_before_the_vehicle_is_lost(v
 
 def test_a_speed_that_has_jumped_stays_left_out(vehicle):
     """An estimate that begins at the wrong speed has nothing against it for seconds: the vehicle gains slowly."""
-    _, plant, _ = flown(vehicle, BEGIN + 3.0, jump=60.0)
+    _, plant, _ = driven_loop(vehicle, BEGIN + 3.0, jump=60.0)
     assert vehicle[1].estimator.monitor.left_out == [True, False, False, False, False]
     assert abs(plant.state[SPEED]) < 5.0
 
 
 def test_a_flipped_elevator_is_tried_with_small_deflections(vehicle):
     """The stabiliser would turn the vehicle over with an elevator of the wrong sign."""
-    levels, plant, deflections = flown(vehicle, BEGIN + 2.0, elevator=-1.0)
+    levels, plant, deflections = driven_loop(vehicle, BEGIN + 2.0, elevator=-1.0)
     assert LoopState.RESTING in levels
     assert abs(plant.state[ANGLE]) < 0.06
     assert deflections[round((BEGIN + 0.1) / PERIOD) :].max() < 0.03

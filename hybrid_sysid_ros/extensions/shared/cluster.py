@@ -9,9 +9,9 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from typing import Any
 
+from hybrid_sysid_ros.extensions.shared.parallel import Item, Lost, Result, Workers, _alone, count
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
-from hybrid_sysid_ros.support.parallel import Item, Lost, Result, Workers, _alone, count
 from hybrid_sysid_ros.support.threads import ONE_THREAD
 
 LOCAL = "local"

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from hybrid_sysid_ros.support import parallel, threads
+from hybrid_sysid_ros.extensions.shared import parallel
+from hybrid_sysid_ros.extensions.shared.parallel import Store, Workers, resumed, run
+from hybrid_sysid_ros.support import threads
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Store, Workers, resumed, run
 
 
 def squares(number):

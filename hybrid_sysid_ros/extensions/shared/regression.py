@@ -20,7 +20,7 @@ from hybrid_sysid_ros.support.errors import UserError
 class Regression:
     """Lagged values of all signals, and the next outputs, each in its scale. No lag reaches from one record to another.
 
-    The order is that of :class:`~hybrid_sysid_ros.models.lagged.Lagged`.
+    The order is that of :class:`~hybrid_sysid_ros.extensions.shared.lagged.Lagged`.
     """
 
     lagged: Array
@@ -64,7 +64,7 @@ class Regression:
         )
 
     def shape(self, outputs: Sequence[Variable], inputs: Sequence[Variable]) -> dict[str, Any]:
-        """The fields of a :class:`~hybrid_sysid_ros.models.lagged.Lagged` of these rows."""
+        """The fields of a :class:`~hybrid_sysid_ros.extensions.shared.lagged.Lagged` of these rows."""
         return {
             "outputs": tuple(outputs),
             "inputs": tuple(inputs),

@@ -275,7 +275,7 @@ def run(
     jobs = min(count(workers), max(len(pieces), 1))
     crew: Workers[tuple[int, Item], Result]
     if cluster:
-        from hybrid_sysid_ros.support.cluster import Cluster
+        from hybrid_sysid_ros.extensions.shared.cluster import Cluster
 
         crew = Cluster(partial(_numbered, work), cluster, jobs=jobs)
     else:

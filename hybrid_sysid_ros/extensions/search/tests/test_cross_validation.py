@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.selection.cross_validation import (
+from hybrid_sysid_ros.extensions.search.cross_validation import (
     BLOCKS,
     WORST,
     Validation,
     blocks_of,
     cross_validate,
 )
+from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.structures.gray_box import GrayBox
 from hybrid_sysid_ros.support.errors import UserError

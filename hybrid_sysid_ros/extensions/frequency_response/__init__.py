@@ -1,0 +1,1 @@
+"""Frequency responses of models, with bands, beside those of records."""

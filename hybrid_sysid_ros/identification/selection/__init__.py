@@ -1,1 +1,0 @@
-"""Selection of structure and options by training data alone."""
