@@ -93,6 +93,8 @@ class Run:
             companion.check(self._loop)
         values = self.values
         preflight.check(self._described, values)
+        for node in {node for companion in self.companions for node in companion.replaces}:
+            del values[node]
         expected, interrupted = self._expected(values), False
         with (
             interruptible(),
@@ -100,7 +102,7 @@ class Run:
             self._session() as session,
         ):
             try:
-                together = {node: values.pop(node) for node in LOOP} if self.composed else {}
+                together = {node: values.pop(node) for node in LOOP if node in values} if self.composed else {}
                 commands = {COMPOSED: session.composed(together)} if self.composed else {}
                 commands |= {node: session.command(node, given) for node, given in values.items()}
                 beside = {node for item in self.companions if item.beside for node in item.nodes(self._loop)}
