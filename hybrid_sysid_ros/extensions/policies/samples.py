@@ -26,6 +26,10 @@ LIVELY, LIVELINESS, RESTARTS = 0.5, 0.01, 0.04
 between being alike, for as much is asked of a policy near rest as at full swing; share of a lively loop's periods in
 which it begins anew."""
 
+OFTENEST = 5.0
+"""How many times as many jumps of the inputs' disturbances and pushes of the state the most disturbed of the lively
+loops have, all factors between being alike, as a certificate has a stratum of such loops."""
+
 JITTER = 0.2
 """By which a state is moved before the MPC is asked, in pushes: an estimate is not the state, and what rests has an
 estimated speed."""
@@ -71,7 +75,8 @@ def scenario_of(system: System, problem: ControlProblem, spread: Spread, random:
     begins[0] = True
     moved = size * (random.uniform(size=(periods, 1)) > UNMOVED)
     errors = random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
-    scenario = scenarios.drawn(random, system, problem, spread, wanted, begins, size=size)
+    often = 1.0 / magnitude(random, 1.0 / OFTENEST) if lively else 1.0
+    scenario = scenarios.drawn(random, system, problem, spread, wanted, begins, size=size, often=often)
     jitter = moved * random.normal(size=scenario.inputs.shape) * np.array(spread.input_jitter)
     return scenario._replace(state_errors=JITTER * moved * errors, input_errors=jitter)
 
