@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from hybrid_sysid_ros.support.errors import UserError
+
+if TYPE_CHECKING:
+    from hybrid_sysid_ros.runtime.session import Session
 
 LOOP = ("plant", "estimator", "controller", "reference")
 RECORDER = "recorder"
 
 NodeValues = dict[str, dict[str, Any]]
 """Values of parameters by node and name."""
+
+
+class SharedProcess(NamedTuple):
+    """A process that runs several nodes."""
+
+    nodes: Sequence[str]
+    command: Sequence[str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,9 +52,6 @@ class Companion:
     beside: ClassVar[bool] = False
     """Whether the loop goes on when one of its nodes ends; they are then stopped last, with the recorder."""
 
-    replaces: ClassVar[frozenset[str]] = frozenset()
-    """The loop's nodes that don't run, because it does their work."""
-
     def check(self, loop: RequestedLoop) -> None:
         """Raise UserError where it can't join; called before anything is started."""
 
@@ -55,6 +62,12 @@ class Companion:
     def nodes(self, loop: RequestedLoop) -> set[str]:
         """Names of the nodes that run only for it."""
         return {*self.parameters(loop)} - {*LOOP, RECORDER}
+
+    def processes(self, session: Session, values: NodeValues) -> Mapping[str, SharedProcess]:
+        """Processes that run some of the loop's nodes, by name: it takes the nodes' parameters from ``values``. Raises
+        UserError where it can't run them.
+        """
+        return {}
 
     def ready(self, said: Callable[[str], set[str]]) -> str:
         """A line for the user once all nodes are ready, or "". said: gives a node's words on its standard output."""

@@ -29,17 +29,22 @@ def command(node: str, values: Mapping[str, Any], *, rig: str = "", namespace: s
     is empty. Raises UserError where a parameter is unknown or not allowed.
     """
     given = _checked(rig, node, values)
-    words = _beginning(node, rig=rig, namespace=namespace)
+    words = [*module(extensions.node_module(node)), *_naming(rig, namespace)]
     return [*words, *(word for name in given for word in ("-p", f"{name}:={json.dumps(given[name])}"))]
 
 
 def composed(values: Mapping[str, Mapping[str, Any]], file: Path, *, rig: str, namespace: str) -> list[str]:
-    """The command that starts nodes in one process. Their parameters are written to a file, since ROS has no other way
-    to give a parameter to one of several nodes. Raises UserError as command() does.
+    """The command that starts nodes in one process. Raises UserError as command() does."""
+    program = module(extensions.node_module(COMPOSED), "--nodes", *values)
+    return [*program, *arguments(values, file, rig=rig, namespace=namespace)]
+
+
+def arguments(values: Mapping[str, Mapping[str, Any]], file: Path, *, rig: str, namespace: str) -> list[str]:
+    """Arguments of a program that runs several nodes. Their parameters are written to a file, since ROS has no other
+    way to give a parameter to one of several nodes. Raises UserError as command() does.
     """
     file.write_text(parameter_text({node: _checked(rig, node, given) for node, given in values.items()}), "utf-8")
-    words = _beginning(COMPOSED, "--nodes", *values, rig=rig, namespace=namespace)
-    return [*words, "--params-file", str(file)]
+    return [*_naming(rig, namespace), "--params-file", str(file)]
 
 
 def parameter_text(values: Mapping[str, Mapping[str, Any]]) -> str:
@@ -56,9 +61,8 @@ def module(name: str, *arguments: str) -> list[str]:
     return [sys.executable, "-m", name, *arguments]
 
 
-def _beginning(node: str, *arguments: str, rig: str, namespace: str) -> list[str]:
-    words = [*module(extensions.node_module(node), *arguments), "--ros-args"]
-    return [*words, "-r", f"__ns:=/{namespace}", "-p", f"rig:={json.dumps(rig)}"]
+def _naming(rig: str, namespace: str) -> list[str]:
+    return ["--ros-args", "-r", f"__ns:=/{namespace}", "-p", f"rig:={json.dumps(rig)}"]
 
 
 def _checked(rig: str, node: str, values: Mapping[str, Any]) -> dict[str, Any]:

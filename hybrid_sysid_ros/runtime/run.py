@@ -16,7 +16,7 @@ from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, preflight, processes
-from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, NodeValues, RequestedLoop, join
+from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, NodeValues, RequestedLoop, SharedProcess, join
 from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.runtime.references import length_of
 from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session
@@ -93,8 +93,6 @@ class Run:
             companion.check(self._loop)
         values = self.values
         preflight.check(self._described, values)
-        for node in {node for companion in self.companions for node in companion.replaces}:
-            del values[node]
         expected, interrupted = self._expected(values), False
         with (
             interruptible(),
@@ -102,16 +100,21 @@ class Run:
             self._session() as session,
         ):
             try:
-                together = {node: values.pop(node) for node in LOOP if node in values} if self.composed else {}
-                commands = {COMPOSED: session.composed(together)} if self.composed else {}
-                commands |= {node: session.command(node, given) for node, given in values.items()}
+                shared = {
+                    name: one for item in self.companions for name, one in item.processes(session, values).items()
+                }
+                if self.composed:
+                    together = {node: values.pop(node) for node in LOOP}
+                    shared[COMPOSED] = SharedProcess(LOOP, session.composed(together))
+                for name, one in shared.items():
+                    session.start(name, one.command, nodes=one.nodes)
                 beside = {node for item in self.companions if item.beside for node in item.nodes(self._loop)}
-                for child, command in commands.items():
+                for node, given in values.items():
                     again = None
-                    if child == RECORDER:  # what it has written stays
-                        again = session.command(child, {**values[child], "overwrite": False, "resume": True})
-                    session.start(child, command, needed=child not in beside, again=again)
-                session.wait_for("ready", list(commands), READY_TIMEOUT)
+                    if node == RECORDER:  # what it has written stays
+                        again = session.command(node, {**given, "overwrite": False, "resume": True})
+                    session.start(node, session.command(node, given), needed=node not in beside, again=again)
+                session.wait_for("ready", [*shared, *values], READY_TIMEOUT)
                 for line in filter(None, (companion.ready(session.said) for companion in self.companions)):
                     self.tell(line)
                 session.wait_for("started", [COMPOSED if self.composed else "plant"], START_TIMEOUT)

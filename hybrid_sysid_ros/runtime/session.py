@@ -41,10 +41,12 @@ TICK = 0.25  # s, between two calls of progress
 class Child:
     """A node's process, its words on standard output, and the last line of its standard error.
 
-    again: the command that starts it again when it dies. starts: how often it was started.
+    nodes: that it runs, most often one. again: the command that starts it again when it dies. starts: how often it was
+    started.
     """
 
     node: str
+    nodes: Sequence[str]
     process: subprocess.Popen[str]
     again: Sequence[str]
     starts: int = 1
@@ -52,6 +54,7 @@ class Child:
     """Whether a run can't go on without it, once it is ready."""
     listeners: list[threading.Thread] = field(default_factory=list)
     words: set[str] = field(default_factory=set)
+    reported: set[str] = field(default_factory=set)
     complaint: str = ""
 
     def has_ended(self, word: str = "") -> bool:
@@ -109,17 +112,30 @@ class Session:
 
     def composed(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Command that starts nodes in one process; see :func:`.processes.composed`."""
-        file = Path(self._place.name) / "parameters.yaml"
-        return processes.composed(values, file, rig=self.rig, namespace=self._namespace)
+        return processes.composed(values, self._file, rig=self.rig, namespace=self._namespace)
+
+    def arguments(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Arguments of a program that runs several nodes in the rig's namespace; see :func:`.processes.arguments`."""
+        return processes.arguments(values, self._file, rig=self.rig, namespace=self._namespace)
+
+    @property
+    def _file(self) -> Path:
+        return Path(self._place.name) / "parameters.yaml"
 
     def start(
-        self, node: str, command: Sequence[str], *, needed: bool = True, again: Sequence[str] | None = None
+        self,
+        node: str,
+        command: Sequence[str],
+        *,
+        nodes: Sequence[str] = (),
+        needed: bool = True,
+        again: Sequence[str] | None = None,
     ) -> None:
-        """Start a node's process; needed: whether the session ends when it does, also once it was ready. again: the
-        command that starts it again, by default the same.
+        """Start a node's process. nodes: those that it runs, if these are several. needed: whether the session ends
+        when it does, also once it was ready. again: the command that starts it again, by default the same.
         """
         process = self._process(command)
-        child = Child(node=node, process=process, needed=needed, again=again or command)
+        child = Child(node=node, nodes=nodes or (node,), process=process, needed=needed, again=again or command)
         self._stopped = False
         self._adopt(child)
 
@@ -198,11 +214,10 @@ class Session:
                 child.process.stdin.close()
         self._stopped = True
         for child in self.children.values():
-            if child.starts > 1:
-                self.diagnostics.setdefault(child.node, {})["restarts"] = child.starts - 1
-        return {
-            node: self.diagnostics.get(node, {}) for node in (*self.children, *self.diagnostics) if node != COMPOSED
-        }
+            for node in child.nodes if child.starts > 1 else ():
+                self.diagnostics.setdefault(node, {})["restarts"] = child.starts - 1
+        nodes = [node for child in self.children.values() for node in child.nodes]
+        return {node: self.diagnostics.get(node, {}) for node in (*nodes, *self.diagnostics)}
 
     def check_end(self) -> None:
         """Raise UserError for a node that did not end, or failed, such as a recorder that could not write."""
@@ -242,7 +257,11 @@ class Session:
             child.process.stdin.close()
         stay = ("-p", "armed:=false") if "at rest" in child.words else ()
         process = self._process([*child.again, *stay])
-        self._adopt(replace(child, process=process, starts=child.starts + 1, listeners=[], words=set(), complaint=""))
+        self._adopt(
+            replace(
+                child, process=process, starts=child.starts + 1, listeners=[], words=set(), reported=set(), complaint=""
+            )
+        )
         return True
 
     def _failure(self, child: Child) -> UserError:
@@ -277,9 +296,10 @@ class Session:
         if stream == "stdout" and line.startswith("{"):
             with suppress(ValueError, KeyError):  # cut short, where the node was killed
                 said = json.loads(line)
-                if child.node != COMPOSED:  # which reports for several nodes, one by one
+                self.diagnostics[name := said.pop("node")] = said
+                child.reported.add(name)
+                if len(child.reported) >= len(child.nodes):
                     child.words.add(REPORTED)
-                self.diagnostics[said.pop("node")] = said
         elif stream == "stdout":
             word, why, _ = line.partition(": ")
             if why:

@@ -72,8 +72,6 @@ class UnitExport:
     stack: int | None
     """Bytes of the stack at most; None where the compiler is not gcc, which tells it."""
     periods: Mapping[str, int]
-    sizes: Mapping[str, int]
-    """Numbers of states, inputs, outputs, and the horizon's length."""
 
 
 def export_loop(
@@ -89,13 +87,11 @@ def export_loop(
     single: bool = False,
     periods: int = RECORDED,
     more: int = ODD,
-    shown: int = SHOWN,
     overwrite: bool = False,
 ) -> UnitExport:
     """Write a loop as a C unit. settings: parameters of the node controller. network: the policy that drives, if it is
     not in a folder that they name. policy_seal: its seal. source: folder of DAQP's C, else the package index is asked.
     single: with floats in place of doubles. periods, more: of the two replays.
-    shown: periods of the test that goes with the unit.
 
     Raises UserError for what can't be printed, without a C compiler, and where the unit answers otherwise than Python.
     """
@@ -134,7 +130,7 @@ def export_loop(
         with TemporaryDirectory(dir=partial.parent) as scratch:
             flags = stack_use.FLAGS if compiler.is_gcc(by) else ()
             library = build(by, partial, name, Path(scratch), flags=(*flags, *(SINGLE if single else ())))
-            made = BuiltUnit(library, name, **_sizes(loop), single=single)
+            made = BuiltUnit(library, name, **sizes_of(loop), single=single)
             calls = [f"{name}_{call}" for call in ("step", "observe", "decide", "prepare", "reset")]
             stack = stack_use.most_bytes(Path(scratch), calls, constraints=unit.most_active(loop)) if flags else None
             differences = _compared(python, made, questions, answers, more, single=single)
@@ -146,10 +142,9 @@ def export_loop(
             bytes=made.bytes,
             stack=stack,
             periods={"recorded": periods, "odd": more},
-            sizes=_sizes(loop),
         )
-        test = list(zip(questions[:shown], answers[:shown], strict=True))
-        _write_rest(partial, done, python, title=title, about=about, single=single, shown=test)
+        shown = list(zip(questions[:SHOWN], answers[:SHOWN], strict=True))
+        _write_rest(partial, done, python, title=title, about=about, single=single, shown=shown)
         content = {
             "format": FORMAT,
             **about,
@@ -195,7 +190,8 @@ def unit_name(rig: str) -> str:
     return name if name and name[0].isalpha() else f"rig_{name}"
 
 
-def _sizes(loop: PrintedLoop) -> dict[str, int]:
+def sizes_of(loop: PrintedLoop) -> dict[str, int]:
+    """Sizes of a unit, as :class:`.built.BuiltUnit` takes them."""
     horizon, outputs = loop.instance.preview.shape
     n, m = len(loop.instance.state), len(loop.instance.previous)
     return {"states": n, "inputs": m, "outputs": outputs, "horizon": horizon}

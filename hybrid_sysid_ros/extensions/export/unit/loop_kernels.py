@@ -18,7 +18,7 @@ from hybrid_sysid_ros.estimation.belief import (
     numbers_at,
 )
 from hybrid_sysid_ros.extensions.export.unit.controller_kernels import control, supervise
-from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate
+from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate, show
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import WAITING, PrintedLoop
 
 
@@ -37,6 +37,21 @@ def observe(loop: PrintedLoop, time: float) -> bool:
             deviation = out[2 * n + m + i] - loop.initial.parameters[i]
             instance.disturbance[j] += deviation * loop.initial.offsets[i, j]
     return True
+
+
+def expect(loop: PrintedLoop) -> None:
+    """The readings that the newest estimate expects, in place of those that came."""
+    core, out = loop.memory[0][0], loop.out
+    n, m, first = core.states, core.inputs, core.size - core.followed
+    z, shown = np.zeros(core.size), np.zeros(core.outputs)
+    for a in range(n):
+        z[a] = out[a]
+    for j in range(m):
+        z[n + j] = out[2 * n + j]
+    for i in range(core.followed):
+        z[first + i] = out[2 * n + m + i]
+    show(loop, z, shown)
+    assign(loop.outputs, shown)
 
 
 def decide(loop: PrintedLoop) -> None:

@@ -74,13 +74,20 @@ class PythonLoop:
             self.controller.prepare(elapsed)
 
 
-def loop_in_python(rig: Rig, model: Model, settings: Mapping[str, Any], network: Policy | None = None) -> PythonLoop:
-    """Estimator and controller of a rig from the parameters of the nodes. settings: some of the controller's. network:
-    the policy that drives, if it is not read from the folder that they name.
+def loop_in_python(
+    rig: Rig,
+    model: Model,
+    settings: Mapping[str, Any],
+    network: Policy | None = None,
+    estimation: Mapping[str, Any] | None = None,
+) -> PythonLoop:
+    """Estimator and controller of a rig from the parameters of the nodes. settings, estimation: some of the
+    controller's and of the estimator's. network: the policy that drives, if it is not read from the folder that they
+    name.
 
     Raises UserError for a method, a solver or a model that can't be printed.
     """
-    values = defaults(rig, "estimator")
+    values = defaults(rig, "estimator") | dict(estimation or {})
     given = defaults(rig, "controller") | {"policy": "exact"} | dict(settings) | {"lockstep": True}
     if METHODS[values["method"]] is not ExtendedKalmanFilter:
         raise UserError(f"export: the estimator's method {values['method']} can't be printed as C; set method to ekf")

@@ -45,8 +45,8 @@ KEYWORDS = (
 """Names that a variable in C, or in C++, must not have."""
 
 RESERVED = (
-    "init", "reset", "step", "observe", "decide", "sent", "forget_estimate", "forget_plan", "prepare", "min", "max",
-    "update", "search", "allocate", "release", "status",
+    "init", "reset", "step", "observe", "expected", "decide", "sent", "forget_estimate", "forget_plan", "prepare",
+    "min", "max", "update", "search", "allocate", "release", "status",
 )  # fmt: skip
 """What the unit itself has, behind the name of the rig."""
 

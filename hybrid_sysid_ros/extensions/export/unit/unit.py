@@ -157,6 +157,7 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
         _name_arrays(layout, loop, arrays)
         translator = Translator(layout, rig, "f" if single else "", _widest(loop))
         translator.call(kernels.observe, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
+        translator.call(kernels.expect, [KnownValue(loop)])  # type: ignore[arg-type]
         translator.call(kernels.decide, [KnownValue(loop)])  # type: ignore[arg-type]
         translator.call(kernels.look_forward, [KnownValue(loop), NumberValue(REAL, "elapsed")])  # type: ignore[arg-type]
         if single:
@@ -244,6 +245,7 @@ def texts(
         "rebase": _rebased(printer) if translator.suffix else "",
         "soft": soft_lines,
         "observe": printer.entry(kernels.observe, f"({rig}_real)(measurement->time - unit->origin)"),
+        "expect": printer.entry(kernels.expect, ""),
         "decide": printer.entry(kernels.decide, ""),
         "prepare": printer.entry(kernels.look_forward, "elapsed"),
         "forget_estimate": printer.entry(kernels.forget_estimate, ""),

@@ -153,6 +153,12 @@ int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement
     return known;
 }
 
+void @{name}_expected(@{name}_memory *unit, @{name}_real *outputs)
+{
+    @expect;
+    memcpy(outputs, unit->outputs, sizeof unit->outputs);
+}
+
 void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command)
 {
     memcpy(unit->instance + @preview, reference->outputs, sizeof reference->outputs);

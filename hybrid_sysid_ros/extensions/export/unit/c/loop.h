@@ -86,6 +86,9 @@ void @{name}_step(
 int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement, @{name}_command *command);
 void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command);
 
+/* The outputs that the newest estimate expects. */
+void @{name}_expected(@{name}_memory *unit, @{name}_real *outputs);
+
 /* Forget the measurements, or the last plan, alone. */
 void @{name}_forget_estimate(@{name}_memory *unit);
 void @{name}_forget_plan(@{name}_memory *unit);

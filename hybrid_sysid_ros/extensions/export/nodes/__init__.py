@@ -1,1 +1,0 @@
-"""What the loop on a board does in ROS 2."""

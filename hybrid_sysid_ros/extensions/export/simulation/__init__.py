@@ -1,1 +1,0 @@
-"""A model or a simulated rig as C."""

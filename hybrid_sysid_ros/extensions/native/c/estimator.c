@@ -1,0 +1,399 @@
+/* The estimator: answers every measurement with the present state, and the one at which the next command will act. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "sensor_msgs/msg/joint_state.h"
+#include "std_msgs/msg/float64_multi_array.h"
+
+#include "loop.h"
+
+#define SHOW_PERIOD (SECOND / 20) /* between two covariances */
+#define SOON 0.6                  /* periods, below which measurements are more frequent than expected */
+#define LONGEST_GAP 1.0           /* s, after which an estimate begins anew */
+#define NUMBERS (2 * STATES + 3 * INPUTS + FURTHER + 2 + FOLLOWED + INPUTS)
+#define WINDOW 4096 /* innovations whose mean is reported, at most */
+
+#define value(which) value_of(&estimator_node, which)
+
+UNIT(memory) unit;
+
+static rcl_subscription_t measurements, commands;
+static bool listens; /* to commands, which stand for inputs that a driver does not report */
+static outlet estimates, covariances;
+static validator entry, others;
+static slot_reader measured, commanded;
+static written_message message;
+static estimate newest;
+static int64_t zero, usable, shown, first_stamp;
+static double known[INPUTS];
+static double innovations[WINDOW];
+static long updates, missing, invalid, unknown, gated, late, unusable, repeated, restarts, too_soon, blind, seen;
+static timing execution;
+static troubles loop_troubles, sensor_troubles;
+
+static void forget(void)
+{
+    UNIT(forget_estimate)(&unit);
+    newest.stamp = zero = usable = shown = 0;
+    first_stamp = 0;
+    seen = 0;
+}
+
+static bool reset(char *words)
+{
+    (void)words;
+    forget();
+    return true;
+}
+
+static bool activate(node *own)
+{
+    const bool timed = !LOCKSTEP;
+    int j;
+
+    validator_begin(&entry, timed, value(ESTIMATOR_STAMP_AHEAD), value(ESTIMATOR_STAMP_BEHIND),
+                    value(ESTIMATOR_SILENCE));
+    others = entry;
+    if (measured.found == NULL) {
+        measured = slot_reader_of(measured_slots, OUTPUTS + INPUTS, INPUTS);
+        commanded = slot_reader_of(measured_slots + OUTPUTS, INPUTS, 0);
+        message = joints_written(&estimate_form, own->signature);
+    }
+    forget();
+    for (j = 0; j < INPUTS; j++) {
+        known[j] = NAN;
+    }
+    updates = missing = invalid = unknown = gated = late = unusable = repeated = restarts = too_soon = blind = 0;
+    memset(&execution, 0, sizeof execution);
+    return inlet_open(&measurements, own, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState), "joint_states")
+           && outlet_open(&covariances, own, ROSIDL_GET_MSG_TYPE_SUPPORT(std_msgs, msg, Float64MultiArray),
+                          "state_covariance");
+}
+
+static void deactivate(node *own)
+{
+    (void)!rcl_subscription_fini(&measurements, &own->handle);
+    if (listens) {
+        (void)!rcl_subscription_fini(&commands, &own->handle);
+    }
+    listens = false;
+    outlet_close(&estimates, own);
+    outlet_close(&covariances, own);
+}
+
+int estimator_inlets(rcl_subscription_t **inlets)
+{
+    int count = 0;
+
+    if (estimator_node.active) {
+        inlets[count++] = &measurements;
+        if (listens) {
+            inlets[count++] = &commands;
+        }
+    }
+    return count;
+}
+
+bool estimator_is_heard(void)
+{
+    size_t count = 0;
+
+    return estimator_node.active && rcl_subscription_get_publisher_count(&measurements, &count) == RCL_RET_OK
+           && count > 0;
+}
+
+int64_t estimator_silence(void)
+{
+    return newest.stamp && entry.heard ? steady() - entry.heard : -1;
+}
+
+/* Open what waits for somebody who publishes measurements. */
+void estimator_look(void)
+{
+    if (!estimator_node.active) {
+        return;
+    }
+    if (!estimates.open && estimator_is_heard()) {
+        outlet_open(&estimates, &estimator_node, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState),
+                    "state_estimate");
+    }
+}
+
+static void publish(void)
+{
+    if (estimates.open) {
+        message_publish(&message, newest.stamp, &estimates.publisher);
+    }
+}
+
+/* Write the newest estimate into its message: NAN where nothing may be made of it. */
+static void pack(const double *applied)
+{
+    double numbers[NUMBERS];
+    int at = 0, k;
+
+    for (k = 0; k < STATES; k++) {
+        numbers[at++] = (double)newest.answer.state[k];
+    }
+    for (k = 0; k < FURTHER; k++) {
+        numbers[at++] = newest.outputs[further_outputs[k]];
+    }
+    for (k = 0; k < INPUTS; k++) {
+        numbers[at++] = (double)newest.answer.disturbance[k];
+    }
+    for (k = 0; k < STATES; k++) {
+        numbers[at++] = (double)newest.answer.ahead[k];
+    }
+    for (k = 0; k < INPUTS; k++) {
+        numbers[at++] = (double)newest.answer.disturbance[k];
+    }
+    for (k = 0; k < INPUTS; k++) {
+        numbers[at++] = applied[k];
+    }
+    numbers[at++] = NAN; /* doubt and sensors that are left out: nobody watches them */
+    numbers[at++] = NAN;
+    for (k = 0; k < FOLLOWED; k++) {
+        numbers[at++] = (double)unit.out[2 * STATES + INPUTS + k];
+    }
+    for (k = 0; newest.blind && k < at; k++) {
+        numbers[k] = NAN;
+    }
+    message_write(&message, 0, numbers);
+}
+
+static void count(const double *given, int64_t stamp)
+{
+    const double elapsed = (double)(stamp - newest.stamp) / 1e9;
+    int k;
+
+    if (newest.stamp && elapsed > 0.0) {
+        const double between = round(elapsed / PERIOD) - 1.0;
+
+        missing += between > 0.0 ? (long)between : 0;
+        too_soon += elapsed < SOON * PERIOD;
+    }
+    for (k = 0; k < OUTPUTS; k++) {
+        invalid += !isfinite(given[k]);
+        updates += isfinite(given[k]) != 0;
+    }
+    for (k = 0; k < INPUTS; k++) {
+        unknown += isnan(given[OUTPUTS + k]) && isnan(known[k]);
+    }
+}
+
+static void answer(const double *given, int64_t stamp, enum stamp_order order, int64_t began)
+{
+    UNIT(measurement) measurement;
+    bool any = false;
+    int k;
+
+    if (order == DUPLICATE) {
+        repeated++;
+        publish();
+        controller_repeat();
+        return;
+    }
+    if (order == RESTART) {
+        forget();
+        restarts++;
+    }
+    zero = zero ? zero : stamp;
+    count(given, stamp);
+    measurement.time = (double)(stamp - zero) / 1e9;
+    for (k = 0; k < OUTPUTS; k++) {
+        measurement.outputs[k] = (UNIT(real))given[k];
+        any = any || isfinite(given[k]);
+    }
+    for (k = 0; k < INPUTS; k++) {
+        measurement.applied[k] = (UNIT(real))(isnan(given[OUTPUTS + k]) ? known[k] : given[OUTPUTS + k]);
+    }
+    if (!UNIT(observe)(&unit, &measurement, &newest.answer)) {
+        unusable++;
+        return;
+    }
+    usable = any && stamp > usable ? stamp : usable;
+    if (order == LATE) {
+        late++;
+        return;
+    }
+    newest.stamp = stamp;
+    newest.began = began;
+    newest.blind = (double)(stamp - usable) / 1e9 > value(ESTIMATOR_SENSOR_TIMEOUT);
+    blind += newest.blind;
+    UNIT(real) expected[OUTPUTS];
+    UNIT(expected)(&unit, expected);
+    for (k = 0; k < OUTPUTS; k++) {
+        const double normalised = (double)unit.out[2 * STATES + INPUTS + FOLLOWED + OUTPUTS + 1 + k];
+
+        newest.outputs[k] = (double)expected[k];
+        gated += normalised > GATE;
+    }
+    innovations[seen++ % WINDOW] = (double)unit.out[2 * STATES + INPUTS + FOLLOWED + OUTPUTS];
+    timing_add(&execution, (double)(steady() - began) / 1e9);
+    controller_answer(&newest, order); /* first of all: the rig waits for it */
+    pack(given + OUTPUTS);
+    publish();
+    if (stamp - shown >= SHOW_PERIOD) {
+        shown = stamp;
+        if (outlet_is_read(&covariances)) {
+            static uint8_t data[256 + sizeof(COVARIANCE_LABEL) + 8 * sizeof unit.P / sizeof unit.P[0]];
+            cdr_writer writer = cdr_open(data, sizeof data);
+            double numbers[sizeof unit.P / sizeof unit.P[0]];
+
+            for (k = 0; k < (int)(sizeof unit.P / sizeof unit.P[0]); k++) {
+                numbers[k] = (double)unit.P[k];
+            }
+            cdr_write_whole(&writer, 2);
+            cdr_write_text(&writer, COVARIANCE_LABEL);
+            cdr_write_whole(&writer, COVARIANCE_SIZE);
+            cdr_write_whole(&writer, COVARIANCE_SIZE * COVARIANCE_SIZE);
+            cdr_write_text(&writer, "the same");
+            cdr_write_whole(&writer, COVARIANCE_SIZE);
+            cdr_write_whole(&writer, COVARIANCE_SIZE);
+            cdr_write_whole(&writer, 0);
+            cdr_write_whole(&writer, COVARIANCE_SIZE * COVARIANCE_SIZE);
+            cdr_write_words(&writer, numbers, COVARIANCE_SIZE * COVARIANCE_SIZE);
+            cdr_publish(&covariances.publisher, data, writer.at);
+        }
+    }
+}
+
+bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *given)
+{
+    const int64_t began = steady();
+    double values[OUTPUTS + INPUTS];
+    joint_states joints;
+    enum stamp_order order;
+    bool lacks = false;
+    int k;
+
+    if (inlet == &commands) {
+        if (joints_unpack(given, &others, &joints) && joints_read(&joints, &commanded, &others, values)
+            && validator_accepts_source(&others, joints.source)) {
+            validator_select_source(&others, joints.source);
+            for (k = 0; k < INPUTS; k++) {
+                known[k] = isfinite(values[k]) ? values[k] : known[k];
+            }
+        }
+        return true;
+    }
+    if (inlet != &measurements) {
+        return false;
+    }
+    if (!joints_unpack(given, &entry, &joints) || !joints_read(&joints, &measured, &entry, values)
+        || (order = validator_admit(&entry, joints.source, joints.stamp)) == REFUSED) {
+        return true;
+    }
+    answer(values, joints.stamp, order, began);
+    for (k = 0; k < INPUTS; k++) {
+        lacks = lacks || isnan(values[OUTPUTS + k]);
+    }
+    if (lacks && !listens) {
+        listens = inlet_open(&commands, &estimator_node, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState),
+                             "joint_command");
+    }
+    return true;
+}
+
+/* ------------------------------------------------------------------ diagnostics */
+
+static void band(double samples, double *low, double *high)
+{
+    const double all = samples * OUTPUTS, spread = 2.0 / (9.0 * all);
+    const double root = 1.959963984540054 * sqrt(spread);
+
+    *low = fmax(all * pow(1.0 - spread - root, 3.0) / samples, 0.0);
+    *high = all * pow(1.0 - spread + root, 3.0) / samples;
+}
+
+static void judge_model(task *own)
+{
+    const long kept = seen < INNOVATIONS ? seen : INNOVATIONS;
+    double sum = 0.0, low, high, worse;
+    char words[WORDS];
+    long k, counted = 0;
+
+    for (k = 0; k < kept && k < WINDOW; k++) {
+        const double one = innovations[(seen - 1 - k) % WINDOW];
+
+        if (isfinite(one)) {
+            sum += one;
+            counted++;
+        }
+    }
+    band(counted ? (double)counted : 1.0, &low, &high);
+    task_begin(own, "model");
+    task_number(own, "innovation_mean_square", counted ? sum / (double)counted : NAN);
+    task_number(own, "innovation_band_low", low);
+    task_number(own, "innovation_band_high", high);
+    for (k = 0; k < FOLLOWED; k++) {
+        snprintf(words, sizeof words, "parameter_%s", followed_names[k]);
+        task_number(own, words, (double)unit.out[2 * STATES + INPUTS + k]);
+    }
+    worse = counted ? sum / (double)counted / high : 0.0;
+    if (worse > value(ESTIMATOR_INNOVATION_WARN)) {
+        own->level = worse > value(ESTIMATOR_INNOVATION_ERROR) ? ERROR : WARN;
+        snprintf(own->message, sizeof own->message, "innovations %.1f times as large as the model says", worse);
+    }
+}
+
+static int health(task *tasks)
+{
+    task *loop = &tasks[0], *sensor = &tasks[1];
+    const double warn = value(ESTIMATOR_WARN_SHARE), error = value(ESTIMATOR_ERROR_SHARE);
+    const double silent = (double)(steady() - entry.heard) / 1e9;
+    char words[WORDS];
+    long dropped = 0;
+    int k;
+
+    task_begin(loop, "loop");
+    trouble(&loop_troubles, "measurements missing", missing);
+    trouble(&loop_troubles, "measurements too late", late);
+    trouble(&loop_troubles, "measurements sooner than the parameter rate says", too_soon);
+    trouble(&loop_troubles, "times that time began anew", restarts);
+    trouble(&loop_troubles, "measurements before the first one of use", unusable);
+    for (k = 0; k < REASONS; k++) {
+        dropped += entry.dropped[k];
+        if (k != UNRELATED) {
+            snprintf(words, sizeof words, "measurements %s", reason_words[k]);
+            trouble(&loop_troubles, words, entry.dropped[k]);
+        }
+    }
+    task_judge(loop, &loop_troubles, updates, warn, error);
+    task_whole(loop, "updates", updates);
+    task_whole(loop, "late_measurements", late);
+    task_whole(loop, "missing_measurements", missing);
+    task_whole(loop, "dropped_measurements", dropped);
+    task_whole(loop, "unusable_measurements", unusable);
+    task_whole(loop, "repeated_measurements", repeated);
+    task_whole(loop, "restarts", restarts);
+    task_text(loop, "body", BODY);
+    task_timing(loop, "execution", &execution);
+    if (entry.heard && silent >= value(ESTIMATOR_STALE_SECONDS)) {
+        loop->level = STALE;
+        snprintf(loop->message, sizeof loop->message, "nothing on joint_states for %.1f s", silent);
+    } else if (!newest.stamp && loop->level == OK) {
+        snprintf(loop->message, sizeof loop->message, "waiting for measurements");
+    }
+    task_begin(sensor, "sensor");
+    trouble(&sensor_troubles, "readings that are no number", invalid);
+    trouble(&sensor_troubles, "readings that the model does not believe", gated);
+    trouble(&sensor_troubles, "estimates without a reading", blind);
+    task_judge(sensor, &sensor_troubles, updates, warn, error);
+    task_whole(sensor, "invalid_entries", invalid);
+    task_whole(sensor, "unknown_inputs", unknown);
+    task_whole(sensor, "gated_outliers", gated);
+    task_whole(sensor, "resets", unit.progress[0].resets);
+    task_whole(sensor, "blind_estimates", blind);
+    task_text(sensor, "not_watched", NOT_WATCHED_SENSORS);
+    judge_model(&tasks[2]);
+    return 3;
+}
+
+static trigger triggers[] = {{"reset", reset, {0}}};
+
+node estimator_node = {
+    .name = "estimator", .parameters = estimator_parameters, .count = ESTIMATOR_PARAMETERS, .triggers = triggers,
+    .trigger_count = 1, .activate = activate, .deactivate = deactivate, .health = health,
+};

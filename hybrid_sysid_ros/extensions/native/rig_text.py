@@ -1,0 +1,208 @@
+"""What a native loop knows of its rig, model and parameters, as C: the rest of it is the same for all."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.extensions.export.unit.folder import unit_name
+from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
+from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, LIVE, NODES
+from hybrid_sysid_ros.nodes import topics
+from hybrid_sysid_ros.nodes.adapters import SLACK, WINDOW
+from hybrid_sysid_ros.nodes.signal_layout import FIELDS, SignalLayout, SignalPlace
+from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.parameters import NodeParameter, declarations, parameters
+
+KINDS = {bool: "IS_BOOL", int: "IS_WHOLE", float: "IS_NUMBER", str: "IS_TEXT"}
+UNWATCHED_SENSORS = "frozen sensors, innovations as evidence against a sensor"
+UNWATCHED_LOOP = "evidence of the estimate, the actuators and the range: the loop does not slow down for it"
+"""What the native loop does not do, as its diagnostics say."""
+
+
+def of_ros() -> dict[str, NodeParameter]:
+    """The parameter that every node of ROS has."""
+    return {
+        "use_sim_time": NodeParameter(
+            name="use_sim_time", default=False, description="Time is that of /clock, not of the system"
+        )
+    }
+
+
+def texts(rig: Rig, python: PythonLoop, values: Mapping[str, Mapping[str, Any]], *, body: str) -> dict[str, str]:
+    """rig.h and rig.c of a loop. values: all parameters of both nodes. body: what the diagnostics call it."""
+    system, mpc = python.estimator.system, python.mpc
+    name, layout = unit_name(rig.name), SignalLayout(rig, system)
+    followed = tuple(python.estimator.tuning.followed)
+    guard = configuration.guard_settings(values["controller"], rig, system)
+    bounds = [
+        (item.low - slack, item.high + slack) for item in rig.actuators for slack in [SLACK * (item.high - item.low)]
+    ]
+    slots = [(place, -BEYOND, BEYOND) for place in layout.outputs]
+    slots += [(place, *bound) for place, bound in zip(layout.inputs, bounds, strict=True)]
+    cascade = python.controller if isinstance(python.controller, Cascade) else None
+    gains = np.zeros(0) if cascade is None else np.ravel(np.array(mpc.system.gains))  # type: ignore[attr-defined]
+    labels = python.estimator.labels
+    numbers = {
+        "STATES": len(layout.states),
+        "INPUTS": len(layout.inputs),
+        "OUTPUTS": len(layout.outputs),
+        "HORIZON": mpc.horizon,
+        "FOLLOWED": len(followed),
+        "FURTHER": len(layout.further),
+        "PERIOD": number(python.estimator.period),
+        "INTERVAL": number(mpc.period),
+        "REACH": f"INT64_C({round((system.delay + values['controller']['latency']) * 1e9)})",
+        "GATE": number(python.estimator.tuning.gate),
+        "INNOVATIONS": round(WINDOW * values["estimator"]["rate"]),
+        "BEYOND": number(BEYOND),
+        "STABILISED": int(cascade is not None),
+        "LOCKSTEP_DEPTH": 10_000,
+        "COVARIANCE_SIZE": len(labels),
+        "COVARIANCE_LABEL": text(f"covariance of {', '.join(labels)}"),
+        "RIG": text(rig.name),
+        "BODY": text(body),
+        "NOT_WATCHED_SENSORS": text(UNWATCHED_SENSORS),
+        "NOT_WATCHED_LOOP": text(UNWATCHED_LOOP),
+        "UNIT(what)": f"{name}_##what",
+    }
+    arrays: dict[str, tuple[str, Sequence[str]]] = {
+        "measured_slots": ("slot", [_slot(*item) for item in slots]),
+        "further_outputs": ("int", [str(k) for k in layout.further]),
+        "followed_names": ("char *const", [text(item) for item in followed]),
+        "tracked": ("bool", [str(int(weight > 0.0)) for weight in mpc.problem.output_weights]),
+        "rest": ("double", [number(item.rest) for item in rig.actuators]),
+        "input_low": ("double", list(map(number, python.limits[0]))),
+        "input_high": ("double", list(map(number, python.limits[1]))),
+        "input_rate": ("double", list(map(number, guard.rate))),
+        "gains": ("double", list(map(number, gains))),
+        "reach_low": ("double", list(map(number, rig.reach[0]))),
+        "reach_high": ("double", list(map(number, rig.reach[1]))),
+        "set_point_low": ("double", list(map(number, guard.reach[0]))),
+        "set_point_high": ("double", list(map(number, guard.reach[1]))),
+        "resume_rate": ("double", list(map(number, guard.resume_rate))),
+    }
+    forms = {
+        "estimate_form": layout.estimate(followed),
+        "command_form": layout.inputs,
+        "plan_form": [*layout.states, *layout.inputs],
+    }
+    header, source = _HEAD[:], ["#include <math.h>", "", '#include "rig.h"', ""]
+    header.insert(0, f'#include "{name}.h"')
+    header += [f"#define {key} {value}" for key, value in numbers.items()]
+    for key, (kind, items) in arrays.items():
+        header.append(f"extern const {kind} {key}[];")
+        source.append(f"const {kind} {key}[] = {{{', '.join(items or ['0'])}}};")
+    for key, places in forms.items():
+        header.append(f"extern const message_form {key};")
+        source += _form(key, places)
+    every = {node: {"rig": _RIG, **parameters(rig, node), **of_ros()} for node in NODES}
+    for node, known in every.items():
+        header += _names(node, known)
+        source += _parameters(node, known, {"rig": rig.source, "use_sim_time": False, **values[node]})
+    others = {item for names in declarations().values() for item in names} - {*every["estimator"], *every["controller"]}
+    others |= {*every["estimator"]} ^ {*every["controller"]}
+    header += [f"#define OTHER_PARAMETERS {len(others)}", "extern const char *const other_parameters[];"]
+    source.append(f"const char *const other_parameters[] = {{{', '.join(map(text, sorted(others)))}}};")
+    qualities = topics.qualities()
+    header += [f"#define TOPICS {len(qualities)}", *_TOPICS]
+    source.append(f"const topic topics[] = {{{', '.join(_topic(*item) for item in qualities.items())}}};")
+    header.append("#define LOCKSTEP (controller_parameters[CONTROLLER_LOCKSTEP].number != 0.0)")
+    guarded = ["#ifndef RIG_H", "#define RIG_H", "", *header, "", "#endif", ""]
+    return {"rig.h": "\n".join(guarded), "rig.c": "\n".join([*source, ""])}
+
+
+_RIG = NodeParameter(name="rig", default="", description="Rig, by its name or by the path of its folder")
+_HEAD = ['#include "joints.h"', '#include "parameter.h"', ""]
+_TOPICS = [
+    "typedef struct {",
+    "    const char *name;",
+    "    int depth;",
+    "    bool reliable, kept;",
+    "} topic;",
+    "extern const topic topics[];",
+]
+
+
+def text(value: str) -> str:
+    """A text in C."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def number(value: float) -> str:
+    """A number in C."""
+    value = float(value)
+    if math.isnan(value):
+        return "(double)NAN"
+    if math.isinf(value):
+        return "(double)INFINITY" if value > 0 else "-(double)INFINITY"
+    return repr(value)
+
+
+def _slot(place: SignalPlace, low: float, high: float) -> str:
+    return f"{{{text(place.entry)}, {FIELDS.index(place.field)}, {number(low)}, {number(high)}}}"
+
+
+def _form(key: str, places: Iterable[SignalPlace]) -> list[str]:
+    places = list(places)
+    names = list(dict.fromkeys(place.entry for place in places))
+    lists = [int(any(place.field == field for place in places)) for field in FIELDS]
+    rows = [f"{{{FIELDS.index(place.field)}, {names.index(place.entry)}}}" for place in places]
+    return [
+        f"static const char *const {key}_names[] = {{{', '.join(map(text, names))}}};",
+        f"static const place {key}_places[] = {{{', '.join(rows)}}};",
+        f"const message_form {key} = {{{len(names)}, {key}_names, {{{', '.join(map(str, lists))}}}, {len(places)}, "
+        f"{key}_places}};",
+    ]
+
+
+def _topic(name: str, quality: Mapping[str, Any]) -> str:
+    reliable, kept = quality["reliability"].name == "RELIABLE", quality["durability"].name == "TRANSIENT_LOCAL"
+    return f"{{{text(name)}, {quality['depth']}, {int(reliable)}, {int(kept)}}}"
+
+
+def _names(node: str, known: Mapping[str, NodeParameter]) -> list[str]:
+    words = [f"{node.upper()}_{name.upper()}" for name in known]
+    return [
+        f"enum {node}_parameter {{ {', '.join(words)}, {node.upper()}_PARAMETERS }};",
+        f"extern parameter {node}_parameters[];",
+    ]
+
+
+def _parameters(node: str, known: Mapping[str, NodeParameter], values: Mapping[str, Any]) -> list[str]:
+    lists, rows = [], []
+    for name, item in known.items():
+        value = values[name]
+        kind, count, listed = KINDS[item.kind], 0, "0"
+        if item.each:
+            kind, numbers = "IS_NUMBERS", np.atleast_1d(np.asarray(value, float)).tolist()
+            count, listed = len(numbers), f"{node}_{name}_numbers"
+            lists.append(f"static const double {listed}[] = {{{', '.join(map(number, numbers))}}};")
+        ranged = math.isfinite(item.low) and not item.each and item.kind in (int, float)
+        said = [f"each within {item.within}"] if item.each else []
+        said += [f"one of {', '.join(item.choices)}"] if item.choices else []
+        said += [f"more than {item.above}"] if item.above else []
+        said += [] if name in LIVE else ["read at the start"] if name in AT_START else ["a part of the compiled loop"]
+        unit = f" [{item.unit}]" if item.unit else ""
+        fields = [
+            text(name),
+            text(f"{item.description}{unit}"),
+            text("; ".join(said)),
+            kind,
+            str(count),
+            number(value) if item.kind in (int, float, bool) and not item.each else "0.0",
+            text(value if item.kind is str else ""),
+            listed,
+            *(str(int(flag)) for flag in (ranged, name in LIVE, name in AT_START)),
+            number(item.low if ranged else 0.0),
+            number(item.high if ranged else 0.0),
+            f"{node.upper()}_{item.above.upper()}" if item.above else "-1",
+        ]
+        rows.append(f"    {{{', '.join(fields)}}},")
+    return [*lists, f"parameter {node}_parameters[] = {{", *rows, "};"]
