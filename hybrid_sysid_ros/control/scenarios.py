@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,108 +14,11 @@ from hybrid_sysid_ros.control.mpc.horizon import Instance, prediction
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, rollout
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.core import System, step_with_jacobian
+from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
-
-NEWTON_STEPS = 30
-STEADY = 1e-9
-"""Largest relative change of an iterate that counts as steady."""
-SHARP = 0.03
-"""Rounding of stick-slip, in the speed of a motion, at which bristles deflect as without."""
-
-
-class SteadyMotion(NamedTuple):
-    """A motion in which the tracked outputs stay at given values.
-
-    Steady means rest, or a drift at a constant rate that no tracked output shows, such as the angle of a shaft with a
-    tracked speed.
-    """
-
-    state: Array
-    """(n,)."""
-    inputs: Array
-    """(m,)."""
-    output_map: Array
-    """C (tracked, n), derivative of the tracked outputs by the states there."""
-
-
-def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> SteadyMotion:
-    """The steady motion of a system at outputs (p,), by Newton's method from rest; the problem is sized.
-
-    The equations x + d = step(x, u), d = step(x + d, u) - step(x, u) linearised, y_t = output(x, u) and C d = 0 of
-    the tracked outputs are solved for states x, inputs u and drift d in the sense of least squares, so that a system
-    without a steady motion there gives the nearest. States that nothing moves, such as offsets, stay at 0.
-    Bristles on a slow motion deflect as in the exact form: where it is rounded, the more the slower they slide.
-    """
-    wanted = np.asarray(outputs, dtype=float)
-    unknown, found = _steady(system, problem, wanted, np.zeros(2 * len(system.states) + len(system.inputs)))
-    names, declared = [item.name for item in system.states], len(system.declared_states)
-    speeds = [abs(unknown[names.index(item.on)]) for item in system.contacts if item.hidden]
-    rounding = SHARP * min(speeds, default=math.inf)
-    if 0.0 < rounding < problem.smoothing:
-        unknown[declared : len(names)] = 0.0
-        sharp, _ = _steady(system, replace(problem, smoothing=rounding), wanted, unknown)
-        unknown = sharp if np.isfinite(sharp).all() else unknown
-    return SteadyMotion(unknown[: len(names)], unknown[len(names) : len(names) + len(system.inputs)], found)
-
-
-def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Array) -> tuple[Array, Array]:
-    """[x, u, d] of the four equations, from a first iterate, and C there."""
-    tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
-    states, inputs, wanted = len(system.states), len(system.inputs), outputs[tracked]
-    for _ in range(NEWTON_STEPS):
-        following, a, b = jacobian_at(
-            system, problem, unknown[:states], unknown[states : states + inputs], output=False
-        )
-        y, c, by_u = jacobian_at(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
-        c, by_u = c[tracked], by_u[tracked]
-        matrix = _equations(a, b, c, by_u)
-        matrix[:, :states][:, _unmoved(a, b)] = 0.0
-        drift = unknown[states + inputs :]
-        residual = np.concatenate(
-            [following - unknown[:states] - drift, (a - np.eye(states)) @ drift, y[tracked] - wanted, c @ drift]
-        )
-        change = np.linalg.lstsq(matrix, -residual, rcond=None)[0]
-        if not np.all(np.isfinite(change)):
-            break
-        unknown = unknown + change
-        if np.max(np.abs(change)) <= STEADY * (1.0 + np.max(np.abs(unknown))):
-            break
-    return unknown, c
-
-
-def _unmoved(a: Array, b: Array) -> Array:
-    """Whether nothing moves each state, (n,)."""
-    return np.all(np.hstack([a - np.eye(len(a)), b]) == 0.0, axis=1)
-
-
-def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
-    """The matrix of the four equations by [x, u, d]."""
-    n, m, tracked = len(a), b.shape[1], len(c)
-    moving = a - np.eye(n)
-    none = np.zeros((n, m))
-    return np.block(
-        [
-            [moving, b, -np.eye(n)],
-            [np.zeros((n, n)), none, moving],
-            [c, by_u, np.zeros((tracked, n))],
-            [np.zeros((tracked, n)), np.zeros((tracked, m)), c],
-        ]
-    )
-
-
-def jacobian_at(
-    system: System, problem: ControlProblem, x: Array, u: Array, *, output: bool
-) -> tuple[Array, Array, Array]:
-    """A step of the prediction, or the outputs, and the derivatives by states x (n,) and by inputs u (m,), with rounded
-    stick-slip.
-    """
-    step, n = problem.period / problem.substeps, len(x)
-    value, jacobian = step_with_jacobian(system, x, u, step=step, smoothing=problem.smoothing, output=output)
-    return value, jacobian[:, :n], jacobian[:, n:]
-
 
 Controls = Callable[[int, Instance], Array]
 """control(k, instance) -> inputs (m,) of period k, the controller of a loop."""
@@ -187,6 +89,13 @@ class Scenario(NamedTuple):
     input_errors: Array
     """Errors of the previous inputs that the controller gets, (T, m); it gets them within their bounds."""
 
+    def write(self, loop: LoopArrays) -> None:
+        """Write what a loop is made of, for compiled code."""
+        for name, part in self._asdict().items():
+            name = {"states": "initial_states", "inputs": "initial_inputs"}.get(name, name)
+            if name not in ("plant", "begins"):
+                getattr(loop, name)[...] = part
+
 
 class LoopRun(NamedTuple):
     """The course of a loop."""
@@ -248,16 +157,13 @@ def run_many(
         plant, (periods, n), m = scenario.plant, scenario.states.shape, scenario.inputs.shape[1]
         if names != [[item.name for item in each] for each in (plant.states, plant.inputs, plant.outputs)]:
             raise UserError(f"loops: the plant {type(plant).__name__} has other states, inputs or outputs than the MPC")
-        course = {"states": np.empty((periods + 1, n)), "inputs": np.empty((periods, m)), "costs": np.empty(periods)}
-        given = {name: np.ascontiguousarray(part) for name, part in scenario._asdict().items() if name != "plant"}
-        begins, excess = given.pop("begins"), np.zeros(1)
-        given |= {"initial_states": given.pop("states"), "initial_inputs": given.pop("inputs")}
+        loop = LoopArrays.empty(periods, problem.horizon, n, m, len(names[2]))
+        scenario.write(loop)
         asked = np.empty((periods, n + 2 * m + problem.horizon * len(names[2])))
         answers = MpcAnswers.empty(periods, problem.horizon, n, m)
-        parts = asked, begins, none, (0, periods), answers, prediction(plant, problem), problem.stage_weights
-        loop = LoopArrays(**given, **course, excess=excess)
+        parts = asked, scenario.begins, none, (0, periods), answers, prediction(plant, problem), problem.stage_weights
         answer_rows(own.prediction, own.horizon, own.program, effort, *parts, loop)
-        return LoopRun(**course, excess=float(excess[0]), asked=asked), answers
+        return LoopRun(loop.states, loop.inputs, loop.costs, float(loop.excess[0]), asked), answers
 
     return in_threads(drive, scenarios, mpc.memory, threads)
 

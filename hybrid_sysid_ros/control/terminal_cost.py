@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, solve_discrete_are
 
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import jacobian_at, steady_motion
+from hybrid_sysid_ros.control.steady_motion import jacobian_at, steady_motion
 from hybrid_sysid_ros.control.terms import StageTerm
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array

@@ -10,7 +10,7 @@ import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.control.scenarios import steady_motion
+from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.core import one_step, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import build, structure_of

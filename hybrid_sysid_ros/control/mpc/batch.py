@@ -94,6 +94,26 @@ class LoopArrays(Shared):
     """(1,), largest distance of a state from its bounds."""
 
     @classmethod
+    def empty(cls, periods: int, horizon: int, states: int, inputs: int, outputs: int) -> LoopArrays:
+        """Room for a loop."""
+        T, n, m = periods, states, inputs
+        shapes = {
+            "initial_states": (T, n),
+            "initial_inputs": (T, m),
+            "references": (T + horizon - 1, outputs),
+            "disturbances": (T, m),
+            "pushes": (T, n),
+            "state_errors": (T, n),
+            "disturbance_errors": (T, m),
+            "input_errors": (T, m),
+            "states": (T + 1, n),
+            "inputs": (T, m),
+            "costs": (T,),
+            "excess": (1,),
+        }
+        return cls(**{name: np.zeros(shape) for name, shape in shapes.items()})
+
+    @classmethod
     def none(cls) -> LoopArrays:
         """No loop."""
         own = {name: np.zeros((0, 0)) for name in cls.__annotations__}
@@ -128,7 +148,7 @@ def answer_rows(
     cold = True
     for row in range(rows[0], rows[1]):
         if driven:
-            _ask(horizon, stage, loop, begins[row] or row == 0, row, instances[row])
+            ask_controller(horizon, stage, loop, begins[row] or row == 0, row, instances[row])
         assign(flat, instances[row])
         if begins[row] or row == rows[0]:
             quadratic.clear_working_set(program)
@@ -139,11 +159,11 @@ def answer_rows(
         if not cold:
             shift_trajectory(prediction, horizon, 1.0)
         if driven:
-            _advance(plant, weights, stage, answers.inputs[row], loop, row)
+            advance_plant(plant, weights, stage, answers.inputs[row], loop, row)
 
 
 @inner
-def _ask(horizon: Horizon, stage: Instance, loop: LoopArrays, begins: bool, k: int, asked: Array) -> None:
+def ask_controller(horizon: Horizon, stage: Instance, loop: LoopArrays, begins: bool, k: int, asked: Array) -> None:
     """Write the instance of period k for the controller, and that of the plant's ``stage`` without errors."""
     n, m, p = stage.state.shape[0], stage.previous.shape[0], stage.preview.shape[1]
     if begins:
@@ -165,7 +185,7 @@ def _ask(horizon: Horizon, stage: Instance, loop: LoopArrays, begins: bool, k: i
 
 
 @inner
-def _advance(
+def advance_plant(
     plant: PredictionModel, weights: StageWeights, stage: Instance, inputs: Array, loop: LoopArrays, k: int
 ) -> None:
     """Advance the plant by period k under the first inputs of a plan."""

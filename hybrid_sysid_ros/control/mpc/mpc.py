@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.batch import PIECE, Effort, LoopArrays, MpcAnswers, answer_rows, in_threads
+from hybrid_sysid_ros.control.mpc.calls import CALL, MpcMemory
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.shooting import (
@@ -89,6 +91,22 @@ class ExactMpc:
     def shooting(self) -> HorizonMemory:
         """Its memory; the inputs of its horizon are the last plan, shifted by :meth:`prepare`."""
         return self._shooting
+
+    @cached_property
+    def compiled(self) -> MpcMemory:
+        """The same exact MPC for compiled code, which remembers its own last call."""
+        call = np.zeros(1, CALL)
+        call["cold"] = 1
+        return MpcMemory(
+            prediction=self._shooting.prediction,
+            horizon=self._shooting.horizon,
+            program=self._shooting.program,
+            call=call,
+            real_time=int(self.real_time),
+            iterations=self.problem.max_iterations,
+            tolerance=self._tolerance,
+            interval=self.period,
+        )
 
     def assign(self, **values: Any) -> None:
         """Give parameters of the stages by their names, one value for all or N: limits, prices, places of obstacles.

@@ -209,6 +209,12 @@ def solve(program: Program, changed: int) -> bool:
 
 @kernel
 def factorise(program: Program) -> bool:
+    """:func:`factorise_matrices` for Python."""
+    return factorise_matrices(program)  # type: ignore[no-any-return]
+
+
+@inner
+def factorise_matrices(program: Program) -> bool:
     """Factorise new matrices before the next solution, which then only has new vectors."""
     problem, workspace, _, update, _ = program.addresses
     return _update(update, MATRICES, workspace, problem) >= 0  # type: ignore[no-any-return]

@@ -180,6 +180,12 @@ def forget(program: Program) -> None:
 
 @kernel
 def prepare_program(prediction: PredictionModel, horizon: Horizon, program: Program) -> None:
+    """:func:`linearise_program` for Python."""
+    linearise_program(prediction, horizon, program)
+
+
+@inner
+def linearise_program(prediction: PredictionModel, horizon: Horizon, program: Program) -> None:
     """The preparation phase: linearise around the trajectory and condense."""
     for i in range(1, horizon.inputs.shape[0]):
         if horizon.limits.moves[i] == horizon.limits.moves[i - 1]:

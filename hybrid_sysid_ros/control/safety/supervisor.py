@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import follow
 from hybrid_sysid_ros.control.policy.kernels import Packed, inside, network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.safety.supervision import SUPERVISION, SupervisorMemory
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array, Numbers
@@ -216,6 +218,32 @@ class Supervisor:
             mpc.step(*self._instance)
             mpc.follow(self._inputs)
         self.reset()
+
+    @cached_property
+    def compiled(self) -> SupervisorMemory:
+        """The same supervisor for compiled code, which remembers its own last calls."""
+        (most, share, floor, violation), (sizes, numbers) = self._limits, self.policy.packed
+        return SupervisorMemory(
+            mpc=self.mpc.compiled,
+            sizes=sizes,
+            numbers=numbers,
+            disturbance=most,
+            share=share,
+            floor=floor,
+            violation=violation,
+            patience=self._patience,
+            noise=self._noise,
+            steps=int(self._steps),
+            step=np.broadcast_to(self._step, most.shape).copy(),
+            flat=self._flat,
+            inputs=self._inputs,
+            states=self._states,
+            cost=self._cost,
+            kept_inputs=np.zeros_like(self._inputs),
+            kept_states=np.zeros_like(self._states),
+            kept_disturbance=np.zeros_like(most),
+            course=np.zeros(1, SUPERVISION),
+        )
 
     def reset(self) -> None:
         """Forget the last plan; counts stay."""

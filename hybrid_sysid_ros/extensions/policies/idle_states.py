@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import jacobian_at
+from hybrid_sysid_ros.control.steady_motion import jacobian_at
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
 

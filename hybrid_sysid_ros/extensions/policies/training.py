@@ -14,7 +14,8 @@ from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Correction, Policy, policy_features
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import Spread, steady_motion
+from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.policies.idle_states import without_idle
 from hybrid_sysid_ros.extensions.policies.network import (
     beyond_bounds,

@@ -189,12 +189,12 @@ def loop_table(trial: Trial, loop: int, driver: str) -> Table:
         table.add_column("exact")
     table.add_column("check")
     table.title = f"loop {loop} of seed {trial.seed}, driven by {driver}"
-    for k, (given, exact, reason) in enumerate(zip(driven.loop.inputs, driven.exact, driven.reasons, strict=True)):
+    for k, (given, exact, reason) in enumerate(zip(driven.inputs, driven.exact, driven.reasons, strict=True)):
         pairs = [f"{value:.3f}" for pair in zip(given, exact, strict=True) for value in pair]
         table.add_row(
             f"{(k + 1) * policy.period:.3f}",
             *(f"{scenario.references[k, output]:.4g}" for output in policy.tracked),
-            *(f"{value:.4g}" for value in driven.loop.states[k + 1]),
+            *(f"{value:.4g}" for value in driven.states[k + 1]),
             *pairs,
             REASONS[reason] if reason >= 0 else "",
         )

@@ -143,7 +143,7 @@ def test_a_worst_case_can_be_run_again(broken):
     found = certify(trial, loops=60, workers=1)
     worst = next(case for case in found.worst if case["driver"] == "network" and case["by"] == "input")
     driven = trial.run(trial.scenario(worst["loop"]), NETWORK)
-    errors = np.abs(driven.loop.inputs - driven.exact)[:, 0] / CRITERIA.input_error[0]
+    errors = np.abs(driven.inputs - driven.exact)[:, 0] / CRITERIA.input_error[0]
     assert int(np.argmax(errors)) == worst["period"]
     assert errors.max() == worst["input_error"]
 
@@ -235,9 +235,9 @@ def test_a_loop_is_that_of_ordinary_objects(broken, rig, driver):
         scenario = trial.scenario(loop)
         driven = trial.run(scenario, driver)
         inputs, exact, states, cost, counted = by_hand(trial, scenario, driver)
-        np.testing.assert_allclose(driven.loop.inputs, inputs, atol=1e-9)
+        np.testing.assert_allclose(driven.inputs, inputs, atol=1e-9)
         np.testing.assert_allclose(driven.exact, exact, atol=1e-9)
-        np.testing.assert_allclose(driven.loop.states, states, atol=1e-11)
+        np.testing.assert_allclose(driven.states, states, atol=1e-11)
         assert driven.measures[COST] == pytest.approx(cost, rel=1e-9)
         assert driven.measures[ERROR] == pytest.approx(np.max(np.abs(inputs - exact)) / 1e9, abs=1e-18)
         assert driven.measures[EXCESS] == 0.0
@@ -252,7 +252,7 @@ def test_a_loop_is_the_same_after_others_whose_solutions_it_shares(broken, rig):
     drivers, scenario = Drivers(trial), trial.scenario(3)
     for driver in DRIVERS:
         shared, alone = drivers.run(scenario, driver), trial.run(scenario, driver)
-        np.testing.assert_allclose(shared.loop.inputs, alone.loop.inputs, atol=1e-4)
+        np.testing.assert_allclose(shared.inputs, alone.inputs, atol=1e-4)
         np.testing.assert_array_equal(shared.reasons, alone.reasons)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, scenarios
-from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near, steady_motion
+from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
+from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample, scenario_of, shifted
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration

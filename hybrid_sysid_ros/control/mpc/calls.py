@@ -1,0 +1,119 @@
+"""A call of the exact MPC as a kernel: its answer, how that was found, and what is left of the last plan."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
+from hybrid_sysid_ros.control.mpc.quadratic_program import Program, clear_working_set, factorise_matrices
+from hybrid_sysid_ros.control.mpc.shooting import answer, linearise_program, plan_within, shift_trajectory
+from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.shared import Shared
+from hybrid_sysid_ros.support.arrays import Array
+
+SOLVED, ITERATED, NOT_CONVERGED, FAILED, POLICY, HELD = range(1, 7)
+"""How an answer was found: see :class:`~hybrid_sysid_ros.control.controller.Status`."""
+
+CALL = np.dtype([*((name, "i8") for name in ("cold", "prepared", "status", "iterations")), ("residual", "f8")])
+"""The last call of an exact MPC: whether there is no plan, whether the next call's program is prepared, how the answer
+was found, by how many iterations, and its residual.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MpcMemory(Shared):
+    """An exact MPC, and what it remembers."""
+
+    prediction: PredictionModel
+    horizon: Horizon
+    """Its ``planned`` inputs are the last answer."""
+    program: Program
+    call: NDArray[np.void]
+    """(1,) of :data:`CALL`."""
+    real_time: int
+    """Whether a call makes one step from a prepared program."""
+    iterations: int
+    """Most iterations of a call."""
+    tolerance: float
+    interval: float
+    """Length of an interval of the horizon [s]."""
+
+
+@inner
+def forget_plan(mpc: MpcMemory) -> None:
+    """Forget the last plan."""
+    clear_working_set(mpc.program)
+    call = mpc.call[0]
+    call.cold, call.prepared = 1, 0
+
+
+@inner
+def solve_instance(mpc: MpcMemory, instance: Instance, solved: Any) -> None:
+    """A call of the exact MPC. solved: what other ways to solve an instance need; not used here."""
+    call = mpc.call[0]
+    iterate = mpc.real_time != 0 and call.prepared != 0 and call.cold == 0
+    call.prepared = 0
+    found = answer(
+        mpc.prediction, mpc.horizon, mpc.program, instance, mpc.iterations, mpc.tolerance, call.cold != 0, iterate, True
+    )
+    call.iterations, call.residual = found.iterations, found.residual
+    if found.iterations > 0:
+        call.cold = 0
+        call.status = SOLVED if found.solved else ITERATED if iterate else NOT_CONVERGED
+        return
+    call.status = FAILED
+    if call.cold != 0:
+        hold(mpc.horizon, instance)
+    else:
+        plan_within(mpc.horizon, instance)
+
+
+@inner
+def prepare_mpc(mpc: MpcMemory, elapsed: float) -> None:
+    """Shift the plan by the time until the next call [s], and in real time linearise there."""
+    call = mpc.call[0]
+    if call.cold != 0:
+        return
+    shift_trajectory(mpc.prediction, mpc.horizon, min(elapsed / mpc.interval, 1.0))
+    if mpc.real_time != 0:
+        linearise_plan(mpc)
+
+
+@inner
+def shift_plan(mpc: MpcMemory) -> None:
+    """Shift the last plan by an interval."""
+    if mpc.call[0].cold == 0:
+        shift_trajectory(mpc.prediction, mpc.horizon, 1.0)
+
+
+@inner
+def linearise_plan(mpc: MpcMemory) -> None:
+    """Prepare the program around the last plan."""
+    linearise_program(mpc.prediction, mpc.horizon, mpc.program)
+    mpc.call[0].prepared = 1 if factorise_matrices(mpc.program) else 0
+
+
+@inner
+def adopt_plan(mpc: MpcMemory, disturbance: Array, inputs: Array, states: Array) -> None:
+    """Take a plan as the last one: inputs (N, m), their states (N + 1, n), under a disturbance (m,)."""
+    assign(mpc.horizon.disturbance, disturbance)
+    assign_rows(inputs, mpc.horizon.inputs)
+    assign_rows(states, mpc.horizon.states)
+    call = mpc.call[0]
+    call.cold, call.prepared = 0, 0
+
+
+@inner
+def hold(horizon: Horizon, instance: Instance) -> None:
+    """Plan the previous inputs within their bounds; 0 or the nearest bound for what is no number."""
+    limits = horizon.limits
+    for i in range(horizon.planned.shape[0]):
+        for j in range(horizon.planned.shape[1]):
+            last = instance.previous[j] if math.isfinite(instance.previous[j]) else 0.0
+            horizon.planned[i, j] = min(max(last, limits.low[j]), limits.high[j])

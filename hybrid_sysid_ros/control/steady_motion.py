@@ -1,0 +1,110 @@
+"""Steady motions: where tracked outputs stay at given values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hybrid_sysid_ros.control.problem import ControlProblem
+from hybrid_sysid_ros.core import System, step_with_jacobian
+from hybrid_sysid_ros.support.arrays import Array
+
+NEWTON_STEPS = 30
+STEADY = 1e-9
+"""Largest relative change of an iterate that counts as steady."""
+SHARP = 0.03
+"""Rounding of stick-slip, in the speed of a motion, at which bristles deflect as without."""
+
+
+class SteadyMotion(NamedTuple):
+    """A motion in which the tracked outputs stay at given values.
+
+    Steady means rest, or a drift at a constant rate that no tracked output shows, such as the angle of a shaft with a
+    tracked speed.
+    """
+
+    state: Array
+    """(n,)."""
+    inputs: Array
+    """(m,)."""
+    output_map: Array
+    """C (tracked, n), derivative of the tracked outputs by the states there."""
+
+
+def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> SteadyMotion:
+    """The steady motion of a system at outputs (p,), by Newton's method from rest; the problem is sized.
+
+    The equations x + d = step(x, u), d = step(x + d, u) - step(x, u) linearised, y_t = output(x, u) and C d = 0 of
+    the tracked outputs are solved for states x, inputs u and drift d in the sense of least squares, so that a system
+    without a steady motion there gives the nearest. States that nothing moves, such as offsets, stay at 0.
+    Bristles on a slow motion deflect as in the exact form: where it is rounded, the more the slower they slide.
+    """
+    wanted = np.asarray(outputs, dtype=float)
+    unknown, found = _steady(system, problem, wanted, np.zeros(2 * len(system.states) + len(system.inputs)))
+    names, declared = [item.name for item in system.states], len(system.declared_states)
+    speeds = [abs(unknown[names.index(item.on)]) for item in system.contacts if item.hidden]
+    rounding = SHARP * min(speeds, default=math.inf)
+    if 0.0 < rounding < problem.smoothing:
+        unknown[declared : len(names)] = 0.0
+        sharp, _ = _steady(system, replace(problem, smoothing=rounding), wanted, unknown)
+        unknown = sharp if np.isfinite(sharp).all() else unknown
+    return SteadyMotion(unknown[: len(names)], unknown[len(names) : len(names) + len(system.inputs)], found)
+
+
+def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Array) -> tuple[Array, Array]:
+    """[x, u, d] of the four equations, from a first iterate, and C there."""
+    tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
+    states, inputs, wanted = len(system.states), len(system.inputs), outputs[tracked]
+    for _ in range(NEWTON_STEPS):
+        following, a, b = jacobian_at(
+            system, problem, unknown[:states], unknown[states : states + inputs], output=False
+        )
+        y, c, by_u = jacobian_at(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
+        c, by_u = c[tracked], by_u[tracked]
+        matrix = _equations(a, b, c, by_u)
+        matrix[:, :states][:, _unmoved(a, b)] = 0.0
+        drift = unknown[states + inputs :]
+        residual = np.concatenate(
+            [following - unknown[:states] - drift, (a - np.eye(states)) @ drift, y[tracked] - wanted, c @ drift]
+        )
+        change = np.linalg.lstsq(matrix, -residual, rcond=None)[0]
+        if not np.all(np.isfinite(change)):
+            break
+        unknown = unknown + change
+        if np.max(np.abs(change)) <= STEADY * (1.0 + np.max(np.abs(unknown))):
+            break
+    return unknown, c
+
+
+def _unmoved(a: Array, b: Array) -> Array:
+    """Whether nothing moves each state, (n,)."""
+    return np.all(np.hstack([a - np.eye(len(a)), b]) == 0.0, axis=1)
+
+
+def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
+    """The matrix of the four equations by [x, u, d]."""
+    n, m, tracked = len(a), b.shape[1], len(c)
+    moving = a - np.eye(n)
+    none = np.zeros((n, m))
+    return np.block(
+        [
+            [moving, b, -np.eye(n)],
+            [np.zeros((n, n)), none, moving],
+            [c, by_u, np.zeros((tracked, n))],
+            [np.zeros((tracked, n)), np.zeros((tracked, m)), c],
+        ]
+    )
+
+
+def jacobian_at(
+    system: System, problem: ControlProblem, x: Array, u: Array, *, output: bool
+) -> tuple[Array, Array, Array]:
+    """A step of the prediction, or the outputs, and the derivatives by states x (n,) and by inputs u (m,), with rounded
+    stick-slip.
+    """
+    step, n = problem.period / problem.substeps, len(x)
+    value, jacobian = step_with_jacobian(system, x, u, step=step, smoothing=problem.smoothing, output=output)
+    return value, jacobian[:, :n], jacobian[:, n:]
