@@ -52,7 +52,23 @@ setup(
     packages=find_namespace_packages(  # data folders too
         include=[NAME, f"{NAME}.*"], exclude=["*.__pycache__", f"{NAME}.extensions.*.tests"]
     ),
-    package_data={"": ["*.yaml", "*.xml", "*.json", "*.safetensors", "*.html", "*.js", "*.css", "*.txt", "*.c", "*.h"]},
+    package_data={
+        "": [
+            "*.yaml",
+            "*.xml",
+            "*.json",
+            "*.safetensors",
+            "*.html",
+            "*.js",
+            "*.css",
+            "*.txt",
+            "*.c",
+            "*.h",
+            "*.ld",
+            "Makefile",
+            "README.md",
+        ]
+    },
     entry_points={
         "console_scripts": [
             f"hybrid-sysid = {NAME}.__main__:main",

@@ -19,8 +19,10 @@ from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.nodes.base import ModelSource
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
+from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates
 from hybrid_sysid_ros.nodes.signal_layout import AHEAD, SignalLayout, SignalPlace, Slots
+from hybrid_sysid_ros.nodes.subscriptions import Listener
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import (
     CAMERA,
@@ -70,6 +72,16 @@ def loop_checks(model: Model, settings: Mapping[str, Any]) -> list[LoopCheck]:
     """The checks of all extensions that have one for a model and the estimator's parameters."""
     made = (make(model, settings) for make in extensions.provided("loop_checks").values())
     return [check for check in made if check is not None]
+
+
+class EstimateSource(Protocol):
+    """What makes estimates of measurements in the place of the node estimator."""
+
+    def listen(self, node: Any) -> Listener:
+        """Answer measurements, by ``node.on_estimate``, as long as the node, a controller, is active."""
+
+    def tasks(self) -> Sequence[Task]:
+        """What it says of itself in the diagnostics."""
 
 
 class EstimatorAdapter:
@@ -158,6 +170,8 @@ class ControllerAdapter:
             self.sources["policy"] = ModelSource(folder)
         made = controller_of(rig, model, settings, warn)
         self.controller, self.problem = made.controller, made.problem
+        source = extensions.loaded(made.estimates)(made.controller, rig, model) if made.estimates else None
+        self.estimates: EstimateSource | None = source
         self.network, self.supervisor, self.doubt = made.network, made.supervisor, made.doubt
         self.ahead = round((model.system.delay + settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon

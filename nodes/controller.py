@@ -91,7 +91,8 @@ class ControllerNode(RigNode):
         self.loop_state, self.times = self.operation.state(LoopState.DRIVING), Counter[LoopState]()
         self.forget()
         self.entry, self.wishes = self.validator("state_estimate"), self.validator("reference")
-        needed = [self.listen(self.entry, "state_estimate", self.on_estimate)]
+        source = self.adapter.estimates
+        needed = [source.listen(self) if source else self.listen(self.entry, "state_estimate", self.on_estimate)]
         references = self.listen(self.wishes, "reference", self.on_reference)
         self.listen(self.validator("estop"), "estop", self.on_estop)
         needed += [references] if self.lockstep else []
@@ -341,7 +342,7 @@ class ControllerNode(RigNode):
         self.output.publish(self.adapter.writer.pack(self.stamp, self.input.tolist()), self.input)
 
     def health(self) -> Sequence[Task]:
-        return loop_tasks(self)
+        return [*loop_tasks(self), *(self.adapter.estimates.tasks() if self.adapter.estimates else ())]
 
 
 main = partial(run, ControllerNode)

@@ -30,7 +30,9 @@ from hybrid_sysid_ros.support.text_table import text_table
 
 DEFAULT = Settings()
 MOST = 10**9
-FORMATS = ("onnx", "c", "both", "loop")
+OF_MODELS = {"loop": True, "fmu": True}
+"""Formats of a whole model beside CasADi's, and whether a policy may go with it."""
+FORMATS = ("onnx", "c", "both", *OF_MODELS)
 SECONDS = 0.02, 8.0
 """Shortest and longest loop of a certificate [s]."""
 
@@ -201,12 +203,13 @@ def export(
     overwrite: bool = False,
     policy: policies.Policy | None = None,
 ) -> Path:
-    """Write a model as CasADi functions, or a policy as ONNX and C99, or a whole loop as C99; return the folder.
+    """Write a model as CasADi functions, or a policy as ONNX and C99, or another body of a model; return its path.
 
-    format: for a policy, "onnx" (extra ``export``), "c" or "both"; "loop" for a model's loop, its estimator and exact
-    MPC, with ``policy`` before it if one is given. step: for a model, that of its step function [s],
-    0 for its own. smoothing: for a model, the velocity over which stick-slip is rounded, 0 for none. overwrite: replace
-    an existing folder. Results are checked against the original. Raises UserError for a place that can't be written.
+    format: for a policy, "onnx" (extra ``export``), "c" or "both"; "loop" for a model's loop as C99, its estimator and
+    exact MPC, with ``policy`` before it if one is given; "fmu" for an FMI 3.0 file (extra ``fmu``) of a model, or with
+    ``policy`` of its supervised controller. step: for a model, that of its step function [s], 0 for its own. smoothing:
+    for a model, the velocity over which stick-slip is rounded, 0 for none. overwrite: replace what is there. Results
+    are checked against the original. Raises UserError for a place that can't be written.
     """
     folder, form, replaced = (
         path_of(out, "out"),
@@ -214,11 +217,11 @@ def export(
         arguments.flag_of(overwrite, "overwrite"),
     )
     needs = "hs.export needs the extension export"
-    if policy is not None and (form != "loop" or isinstance(model, policies.Policy)):
+    if policy is not None and (not OF_MODELS.get(form) or isinstance(model, policies.Policy)):
         raise UserError("policy is for a model's loop: give a model, and format='loop'")
     if isinstance(model, policies.Policy):
-        if form == "loop":
-            raise UserError("format is 'loop'; it is for a model: give the policy as policy=")
+        if form in OF_MODELS:
+            raise UserError(f"format is {form!r}; it is for a model: give the policy as policy=")
         for name, value in (("step", step), ("smoothing", smoothing)):
             if value != 0.0:
                 raise UserError(f"{name} is {shown(value)}; it is for a model: leave it out for a policy")
@@ -226,9 +229,9 @@ def export(
         return folder
     if not isinstance(model, AnyModel):
         raise UserError(f"model is {shown(model)}; give a model or a policy")
-    if form == "loop":
+    if form in OF_MODELS:
         seal = "" if policy is None else _seal(policy)
-        extensions.one("exporters", "loop", needs)(
+        extensions.one("exporters", form, needs)(
             sealed(arguments.given_model(model)), folder, policy=policy, policy_seal=seal, overwrite=replaced
         )
         return folder

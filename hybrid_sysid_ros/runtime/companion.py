@@ -52,6 +52,9 @@ class Companion:
     beside: ClassVar[bool] = False
     """Whether the loop goes on when one of its nodes ends; they are then stopped last, with the recorder."""
 
+    replaces: ClassVar[frozenset[str]] = frozenset()
+    """The loop's nodes that don't run, because it does their work."""
+
     def check(self, loop: RequestedLoop) -> None:
         """Raise UserError where it can't join; called before anything is started."""
 

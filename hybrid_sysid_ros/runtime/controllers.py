@@ -43,6 +43,10 @@ class ConfiguredController:
     supervisor: Supervisor | None = None
     doubt: str = ""
     """What the certificate of its network leaves in doubt."""
+    estimates: str = ""
+    """What makes estimates in the place of the node estimator, as "module:attribute": a class that is made of this
+    controller, the rig and the model; "": the node does. See :class:`hybrid_sysid_ros.nodes.adapters.EstimateSource`.
+    """
 
 
 def policy_folder(rig: Rig, settings: Mapping[str, Any]) -> Path | None:

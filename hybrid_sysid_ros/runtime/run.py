@@ -93,6 +93,8 @@ class Run:
             companion.check(self._loop)
         values = self.values
         preflight.check(self._described, values)
+        for node in {node for companion in self.companions for node in companion.replaces}:
+            del values[node]
         expected, interrupted = self._expected(values), False
         with (
             interruptible(),
@@ -104,8 +106,8 @@ class Run:
                     name: one for item in self.companions for name, one in item.processes(session, values).items()
                 }
                 if self.composed:
-                    together = {node: values.pop(node) for node in LOOP}
-                    shared[COMPOSED] = SharedProcess(LOOP, session.composed(together))
+                    together = {node: values.pop(node) for node in LOOP if node in values}
+                    shared[COMPOSED] = SharedProcess(tuple(together), session.composed(together))
                 for name, one in shared.items():
                     session.start(name, one.command, nodes=one.nodes)
                 beside = {node for item in self.companions if item.beside for node in item.nodes(self._loop)}

@@ -12,7 +12,7 @@ SECTIONS = (
 
 NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
-    "ensemble": ("ensemble",), "export": ("model export", "policy export", "export loop"),
+    "ensemble": ("ensemble",), "export": ("model export", "policy export", "export"),
     "friction_atlas": ("friction",), "trained_range": ("trained-range",),
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),

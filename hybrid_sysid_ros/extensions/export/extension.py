@@ -1,21 +1,29 @@
 """What this extension adds."""
 
+from pathlib import Path
+
 from hybrid_sysid_ros.support.extensions import Extension
 
 HERE = "hybrid_sysid_ros.extensions.export"
 EXTENSION = Extension(
     name="export",
-    summary="Models as CasADi functions; policies as ONNX graphs and as C99; loops as C99.",
+    summary="Models as CasADi functions and FMUs; policies as ONNX graphs and as C99; loops as C99 and FMUs.",
     commands={
+        "export fmu": (f"{HERE}.commands.fmu_export", "Write a model, a plant or a controller as an FMU."),
+        "export board": (f"{HERE}.commands.board_export", "Write a loop for a microcontroller."),
         "export loop": (f"{HERE}.commands.loop_export", "Write a loop as C99."),
         "model export": (f"{HERE}.commands.model_export", "Write a model as CasADi functions."),
         "policy export": (f"{HERE}.commands.policy_export", "Write a policy as ONNX and as C99."),
     },
+    declarations=Path(__file__).with_name("nodes.yaml"),
     provides={
+        "companions": {"board": f"{HERE}.board.companion:companion"},
+        "controllers": {"board": f"{HERE}.board.driving:controller"},
         "exporters": {
+            "fmu": f"{HERE}.fmu.export:export_given",
             "loop": f"{HERE}.unit.folder:export_given",
             "model": f"{HERE}.casadi_functions:export_casadi",
             "policy": f"{HERE}.policy_folder:export_loaded",
-        }
+        },
     },
 )

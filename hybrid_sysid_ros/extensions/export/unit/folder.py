@@ -72,6 +72,8 @@ class UnitExport:
     stack: int | None
     """Bytes of the stack at most; None where the compiler is not gcc, which tells it."""
     periods: Mapping[str, int]
+    sizes: Mapping[str, int]
+    """Numbers of states, inputs, outputs, and the horizon's length."""
 
 
 def export_loop(
@@ -87,11 +89,13 @@ def export_loop(
     single: bool = False,
     periods: int = RECORDED,
     more: int = ODD,
+    shown: int = SHOWN,
     overwrite: bool = False,
 ) -> UnitExport:
     """Write a loop as a C unit. settings: parameters of the node controller. network: the policy that drives, if it is
     not in a folder that they name. policy_seal: its seal. source: folder of DAQP's C, else the package index is asked.
     single: with floats in place of doubles. periods, more: of the two replays.
+    shown: periods of the test that goes with the unit.
 
     Raises UserError for what can't be printed, without a C compiler, and where the unit answers otherwise than Python.
     """
@@ -142,9 +146,10 @@ def export_loop(
             bytes=made.bytes,
             stack=stack,
             periods={"recorded": periods, "odd": more},
+            sizes=sizes_of(loop),
         )
-        shown = list(zip(questions[:SHOWN], answers[:SHOWN], strict=True))
-        _write_rest(partial, done, python, title=title, about=about, single=single, shown=shown)
+        test = list(zip(questions[:shown], answers[:shown], strict=True))
+        _write_rest(partial, done, python, title=title, about=about, single=single, shown=test)
         content = {
             "format": FORMAT,
             **about,

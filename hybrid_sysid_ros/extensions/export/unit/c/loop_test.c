@@ -6,6 +6,11 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
+
+#ifndef @{NAME}_COUNT
+#define @{NAME}_COUNT() 0.0 /* instructions so far: a board counts them */
+#endif
 
 static const struct {
     @{name}_measurement measurement;
@@ -17,6 +22,14 @@ static const struct {
 };
 
 static @{name}_memory memory;
+static double counted[@periods];
+
+static int ascending(const void *one, const void *other)
+{
+    const double a = *(const double *)one, b = *(const double *)other;
+
+    return (a > b) - (a < b);
+}
 
 int main(void)
 {
@@ -33,8 +46,10 @@ int main(void)
         @{name}_command command;
         int equal;
 
+        counted[k] = @{NAME}_COUNT();
         @{name}_step(&memory, &periods[k].measurement, &periods[k].reference, &command);
         @{name}_prepare(&memory, @period);
+        counted[k] = @{NAME}_COUNT() - counted[k];
         equal = @same
         for (j = 0; j < @{NAME}_INPUTS; j++) {
             double difference = fabs((double)(command.inputs[j] - periods[k].inputs[j]));
@@ -50,5 +65,10 @@ int main(void)
     }
     printf("%d of %d periods wrong, largest difference %.3g, tolerance %.3g, %lu bytes\n", wrong, @periods, largest,
            tolerance, (unsigned long)@{name}_size());
+    qsort(counted, @periods, sizeof counted[0], ascending);
+    if (counted[@periods - 1] > 0.0) {
+        printf("instructions of a period: median %.0f, 99 %% %.0f, most %.0f\n", counted[@periods / 2],
+               counted[@periods * 99 / 100], counted[@periods - 1]);
+    }
     return wrong != 0;
 }

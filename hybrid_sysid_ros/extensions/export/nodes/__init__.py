@@ -1,0 +1,1 @@
+"""What the loop on a board does in ROS 2."""

@@ -1,0 +1,1 @@
+"""A model or a simulated rig as C."""
