@@ -103,6 +103,17 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
     assert np.all(np.abs(model.system.values - ENTRIES) < 3 * robust)
 
 
+def test_the_prior_of_a_first_state_is_no_narrower_than_what_the_record_shows_of_it(rig):
+    """A record that begins with a jump of the input shows its first speed badly; a narrower prior bends parameters."""
+    u = held_levels(5, 4001, hold=60)
+    x = linear_run(TRUTH, u[:-1, 0], np.zeros(2), 0.005)
+    y = x[:, :1] + np.random.default_rng(2).normal(size=(len(x), 1)) * 0.01 * x[:, 0].std()
+    prepared = prepare(record_of(u, y, 0.005), rig.system, Sampling())
+    assert prepared.deviations is not None
+    assert prepared.deviations[1] > 0.1 * np.std(prepared.states[:, 1])
+    assert np.all(IdentificationProblem(rig.system, [prepared]).nuisance_units >= prepared.deviations)
+
+
 def test_a_parameter_that_is_held_stays_where_it_is(linear_bench):
     u, y, _ = linear_bench
     system = Linear(gain=4.0, centre=0.5, stiffness=10.0, damping=20.0, input_delay=0.002)

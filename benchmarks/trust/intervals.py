@@ -60,8 +60,8 @@ def records_of(rig: Rig, seed: int) -> list[Record]:
 
 
 def deviations(rig: Rig, seed: int) -> dict[str, float]:
-    """Errors of the fitted parameters in their standard errors."""
-    model = identify(records_of(rig, seed), rig, "gray", sampling=given_sampling(None, rig))
+    """Errors of the parameters in their standard errors, fitted as the command and the library do by default."""
+    model = identify(records_of(rig, seed), rig, "gray", sampling=given_sampling(None, rig), refine=True)
     truth, values = rig.system.named, model.system.named
     return {name: (values[name] - truth[name]) / error for name, error in model.standard_errors.items()}
 

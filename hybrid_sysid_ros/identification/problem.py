@@ -179,13 +179,16 @@ class FitProblem:
 
     def _units(self) -> Array:
         """Prior deviations (states,) of initial states from what the records show: they count like the errors, of which
-        CORRELATION_SECONDS are one observation, and are at most a share of the state's deviation.
+        CORRELATION_SECONDS are one observation, and are at most a share of the state's deviation, but never less than
+        what the records leave open: a speed that begins with a jump is badly known, and what it is off would bend
+        the parameters.
         """
         states = np.concatenate([item.states for item in self.experiments])
         most = np.maximum(INITIAL_SPREAD * np.std(states, axis=0), 1e-9)
         shown = [most if item.deviations is None else item.deviations for item in self.experiments]
         share = np.sqrt(max(CORRELATION_SECONDS / self.sampling.period, 1.0))
-        return np.asarray(np.clip(share * np.sqrt(np.mean(np.square(shown), axis=0)), 1e-9, most))
+        known = np.sqrt(np.mean(np.square(shown), axis=0))
+        return np.asarray(np.clip(share * known, np.maximum(known, 1e-9), np.maximum(known, most)))
 
     def with_hidden_starts(self, point: Array, horizon: int | None) -> Array:
         """A point whose initial states of what no record shows are those of the rule of starts, if they fit better."""
