@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hybrid_sysid_ros import models
-from hybrid_sysid_ros.commands import demo, run
+from hybrid_sysid_ros.commands import demo, evaluate, identify, run
 from hybrid_sysid_ros.commands.app import arguments_of
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
@@ -44,8 +44,13 @@ def test_an_extension_of_ours_that_fails_is_named() -> None:
 
 
 def _options(extension: extensions.Extension) -> set[str]:
-    """Options that it adds to run and demo."""
-    commands: dict[str, Callable[..., None]] = {"companions": run.command, "demos": demo.command}
+    """Options that it adds to commands of the trunk."""
+    commands: dict[str, Callable[..., None]] = {
+        "companions": run.command,
+        "demos": demo.command,
+        "inspections": evaluate.command,
+        "comparisons": identify.command,
+    }
     makers = [extensions.loaded(item) for kind in commands for item in extension.provides.get(kind, {}).values()]
     added = {name for make in makers for name in arguments_of(make)}
     return {f"--{name}" for name in added.difference(*map(arguments_of, commands.values()))}

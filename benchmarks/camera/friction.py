@@ -15,13 +15,13 @@ from benchmarks.camera.footage import Case, Shots, shots, steady
 from benchmarks.result import spread
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.friction_atlas.friction_curve import friction_curve
 from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.footage import LEARNED_FROM
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.identification import evaluate, identify
-from hybrid_sysid_ros.identification.validation.friction_curve import friction_curve
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array

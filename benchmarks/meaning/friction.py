@@ -17,11 +17,11 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.friction_atlas.friction_curve import friction_curve
 from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.identification import identify
-from hybrid_sysid_ros.identification.validation.friction_curve import friction_curve
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.arrays import Array

@@ -14,6 +14,7 @@ from rich.table import Table
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.inspections import Inspect, print_inspections
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.identification import Part
@@ -21,7 +22,6 @@ from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
-from hybrid_sysid_ros.identification.validation.input_bias import Adapted, adapt_model
 from hybrid_sysid_ros.identification.validation.judgement import judgement
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
 from hybrid_sysid_ros.identification.validation.run_quality import RunQuality, run_quality
@@ -42,21 +42,14 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extensions import provided
 from hybrid_sysid_ros.support.files import check_file
 
+EXTENDED_BY = "inspections"
+
 
 def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
     bag: Annotated[list[Path], typer.Argument(help="Bags to score the model on.")],
     as_json: terminal.Json = False,
     part: terminal.PartText = "0:1",
-    adapted: Annotated[
-        float,
-        typer.Option(
-            "--adapt",
-            help="Estimate a constant bias of each input over the first so many seconds, and score the free run over "
-            "the rest without and with it; 0: not.",
-            min=0.0,
-        ),
-    ] = 0.0,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
     initial: terminal.Initial = None,
     initial_samples: terminal.InitialSamples = None,
@@ -65,6 +58,7 @@ def command(
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
     rig: terminal.OwnRig = "",
+    inspections: Sequence[Inspect] = (),
 ) -> None:
     """Score a model by strict free run: one initial state, never corrected; it is found as in the model's fit, unless
     options say otherwise. Where a bag has the reference, the whole closed loop is re-simulated from it as well.
@@ -76,19 +70,24 @@ def command(
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling, model=loaded)
-    runs = _adapted(loaded, records, chosen, described, adapted)
-    found = _found(loaded, records, chosen, described, {name: run.content(loaded.system) for name, run in runs.items()})
+    parts = [(record, chosen) for record in records]
+    further = [inspect(loaded, parts, described) for inspect in inspections]
+    found = _found(loaded, records, chosen, described)
     for reason in found.skipped.values():
         status.print(f"no closed loop: {reason}")
     if report is not None:
-        section = reports.identification_section(loaded, [(record, chosen) for record in records], runs)
-        reports.write_report(report, section, None, reports.provenance(loaded, typed()))
+        section = reports.identification_section(loaded, parts)
+        reports.write_report(report, section, None, reports.provenance(loaded, typed()), inspections=further)
         status.print(str(report))
     if as_json:
         content = {record.name: found.content(record.name) for record in records}
+        for item in further:
+            for name, own in item.content.items():
+                content[name][item.name] = own
         console.print_json(json.dumps({"model": str(model), "part": part, "records": content}))
     else:
-        _show(found, described, adapted)
+        _show(found, described)
+        print_inspections(further)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +110,6 @@ class _Findings:
     """Why it was not."""
     uses: Mapping[str, Mapping[str, Mapping[str, Any]]]
     """What extensions say of the use before the measurement is seen, each with its sentence."""
-    biases: Mapping[str, dict[str, Any]]
-    """Biases of inputs over the first seconds, and the scores without and with them, where they were asked for."""
 
     def content(self, name: str) -> dict[str, Any]:
         """Of one record, as plain data."""
@@ -124,13 +121,10 @@ class _Findings:
             **({"doubt": vars(self.qualities[name])} if name in self.qualities else {}),
             **({"judgement": self.judgements[name]} if name in self.judgements else {}),
             "closed_loop": self.loops.get(name),
-            **({"adapted": self.biases[name]} if name in self.biases else {}),
         }
 
 
-def _found(
-    model: Model, records: Sequence[Record], part: Part, rig: Rig, biases: Mapping[str, dict[str, Any]]
-) -> _Findings:
+def _found(model: Model, records: Sequence[Record], part: Part, rig: Rig) -> _Findings:
     experiments = {record.name: experiment_of(model, record, part=part) for record in records}
     ahead, runs = dict[str, Sequence[PredictionErrors]](), dict[str, Array]()
     for name, experiment in experiments.items():
@@ -157,7 +151,6 @@ def _found(
         loops=loops,
         skipped=skipped,
         uses={name: _uses(model, experiments[name], run) for name, run in runs.items()},
-        biases=biases,
     )
 
 
@@ -167,8 +160,8 @@ def _uses(model: Model, experiment: PreparedRecord, run: Array) -> dict[str, Map
     return {name: found for name, found in made.items() if found}
 
 
-def _show(found: _Findings, rig: Rig, seconds: float) -> None:
-    """Print what was found, what counts most first; seconds: from which biases are."""
+def _show(found: _Findings, rig: Rig) -> None:
+    """Print what was found, what counts most first."""
     for use in (item for uses in found.uses.values() for item in uses.values()):
         console.print(use["sentence"])
     for quality in found.qualities.values():
@@ -184,18 +177,6 @@ def _show(found: _Findings, rig: Rig, seconds: float) -> None:
                 console.print(f"{name}{f', {output}' if len(judged) > 1 else ''}: {words}")
     if found.bands:
         print_table(_band_table(found.bands, rig))
-    if found.biases:
-        print_table(terminal.bias_table(found.biases, rig, seconds))
-
-
-def _adapted(model: Model, records: Sequence[Record], part: Part, rig: Rig, seconds: float) -> dict[str, Adapted]:
-    """By record, the free run with a bias from the first seconds; empty for no seconds."""
-    low, high = rig.limits
-    given: dict[str, Any] = {"spans": high - low, "seconds": seconds}
-    try:
-        return {r.name: adapt_model(model, part.of(r, model.sampling), **given) for r in (records if seconds else ())}
-    except UnstableError as error:
-        raise UserError(f"{error}: leave out --adapt") from error
 
 
 def _ahead(model: Model, experiment: PreparedRecord, rig: Rig, why: UnstableError) -> list[PredictionErrors]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,12 +13,12 @@ from rich.table import Table
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.inspections import Inspect, print_inspections
 from hybrid_sysid_ros.commands.records import check_records, read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
-from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve, friction_curve, speeds_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.run_quality import run_quality
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals
@@ -33,7 +32,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_file, check_folder
 
-SHOWN = 10  # speeds
+EXTENDED_BY = "comparisons"
 EXPLAINED = 0.5  # R2 below which a model does not explain its training record
 
 
@@ -61,24 +60,19 @@ def command(
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
-    beside: Annotated[
-        Path | None,
-        typer.Option(help="Another model of the rig whose friction over speed is shown for comparison."),
-    ] = None,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
     overwrite: terminal.Overwrite = False,
     anyway: Annotated[
         bool, typer.Option("--anyway", help="Fit also to records from which nothing can be learned.")
     ] = False,
     as_json: terminal.Json = False,
+    comparisons: Sequence[Inspect] = (),
 ) -> None:
     """Identify a model from bags."""
     check_folder(out, marker="model.yaml", replace=overwrite)
     if report is not None:
         reports.check_available()
         check_file(report, suffix=".html")
-    other = load_model(beside, rig=rig) if beside is not None else None
-    speeds = speeds_of(other) if other is not None else None
     described = load_rig(rig)
     start = {"initial": initial, "initial_samples": initial_samples, "warm_up": warm_up}
     sampling = terminal.sampling_of(described, step, period, input_handling, **start)
@@ -109,15 +103,12 @@ def command(
         console.print(json.dumps(_content(model), indent=2))
     else:
         _show(model, described, parts)
-    curves: dict[str, FrictionCurve] = {}
-    if other is not None and speeds is not None:
-        curves = {name: friction_curve(each.system, speeds) for name, each in ((str(out), model), (str(beside), other))}
-        if not as_json:
-            print_table(friction_table(curves, described))
+    further = [compare(model, parts, described) for compare in comparisons]
+    print_inspections([] if as_json else further)
     if report is not None:
         section = reports.identification_section(model, parts)
-        section = replace(section, friction=curves)
-        reports.write_report(report, section, None, reports.provenance(load_model(out, rig=rig), typed()))
+        provenance = reports.provenance(load_model(out, rig=rig), typed())
+        reports.write_report(report, section, None, provenance, inspections=further)
         tell.print(f"report: {report}")
     tell.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
 
@@ -173,17 +164,6 @@ def _content(model: Model) -> dict[str, Any]:
         "doubts": [str(doubt) for doubt in doubts(model)],
         "seconds": model.fit["seconds"],
     }
-
-
-def friction_table(curves: Mapping[str, FrictionCurve], rig: Rig) -> Table:
-    """Table of friction over speed of models, and of the first one's difference from the others."""
-    first, *others = curves.values()
-    item = rig.system.inputs[0]
-    table = Table("speed", *curves, title=f"friction in units of {item.name} [{item.unit}]")
-    for k in range(0, len(first.speeds), len(first.speeds) // SHOWN):
-        table.add_row(f"{first.speeds[k]:.3g}", *(f"{curve.inputs[k]:.4f}" for curve in curves.values()))
-    table.add_row("difference, rms", "", *(f"{first.difference(other):.2%}" for other in others))
-    return table
 
 
 def stages_table(rows: Sequence[StageResiduals]) -> Table:

@@ -188,26 +188,3 @@ def score_table(
                 cells += [f"{loop['r2']:.4f}", f"{float(shown.shown(loop['rmse'])):.4g}"] if loop else ["", ""]
             table.add_row(*cells)
     return table
-
-
-def bias_table(biases: Mapping[str, dict[str, Any]], rig: Rig, seconds: float) -> Table:
-    """Table of free runs over the rest of records, without and with the input biases from their beginnings."""
-    units = {item.name: item.unit for item in rig.system.inputs}
-    names = [item.name for item in rig.system.outputs]
-    several = len(names) > 1
-    error = "RMSE" if several else f"RMSE [{rig.display[0].unit}]"
-    columns = ["record", *(["output"] if several else []), *(f"bias of {name} [{units[name]}]" for name in units)]
-    columns += ["held", "R2 without", error, "R2 with", error]
-    table = Table(*columns, title=f"free run after {seconds:g} s, without and with the bias of those {seconds:g} s")
-    for record, values in biases.items():
-        found = values["estimated"], values["deviation"]
-        bias = [f"{found[0][name]:.3g} ±{found[1][name]:.2g}" for name in units]
-        for index, name in enumerate(names):
-            held = values["reason"] or ", ".join(f"{value:.3g}" for value in values["bias"].values())
-            shown, cells = rig.display[index], [record, *([name] if several else []), *bias, held]
-            for which in ("without", "adapted"):
-                own = values[which].get("outputs", {}).get(name, values[which])
-                rmse = f"{float(shown.shown(own['rmse'])):.4g}{f' {shown.unit}' if several else ''}"
-                cells += [f"{own['r2']:.4f}", rmse]
-            table.add_row(*cells)
-    return table

@@ -1,6 +1,6 @@
 """Reports: HTML pages of a model and its loop, which need no network."""
 
-from hybrid_sysid_ros.report.further import FurtherSection
+from hybrid_sysid_ros.report.further import FurtherSection, Inspection
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section, ideal_errors
 from hybrid_sysid_ros.report.rendering import check_available, write_report
 from hybrid_sysid_ros.report.run_summary import RunSummary
@@ -17,6 +17,7 @@ __all__ = [
     "FreeRunSection",
     "FurtherSection",
     "IdentificationSection",
+    "Inspection",
     "Provenance",
     "RunSummary",
     "check_available",

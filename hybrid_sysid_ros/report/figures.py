@@ -8,7 +8,6 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.identification.validation.friction_curve import velocity_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
 from hybrid_sysid_ros.report.charts import (
     ERROR,
@@ -85,19 +84,6 @@ def _beside(run: FreeRunSection, rig: str) -> str:
     record, _, output = run.name.removeprefix(f"{rig}_").partition(", ")
     parts = (part if len(part) <= LABEL else f"{part[: LABEL - 1]}…" for part in (record, output) if part)
     return "<br>".join(parts)
-
-
-def friction(section: IdentificationSection) -> go.Figure:
-    """Friction over speed of the model and of others for comparison."""
-    figure, system = go.Figure(), section.model.system
-    dress(figure, 300)
-    for number, (name, curve) in enumerate(section.friction.items()):
-        line = {"color": LINES[number % len(LINES)], "width": 1.8}
-        figure.add_scatter(x=curve.speeds, y=curve.inputs, name=name, mode="lines", line=line, hovertemplate="%{y:.4f}")
-    velocity = system.states[velocity_of(system)]
-    figure.update_xaxes(title=f"{velocity.name} [{velocity.unit}]")
-    figure.update_yaxes(title=f"{system.inputs[0].name} [{system.inputs[0].unit}]", rangemode="tozero")
-    return figure
 
 
 def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
@@ -22,6 +22,18 @@ class FurtherSection:
     """Rows of the table."""
     figures: Sequence[Any] = ()
     """Plotly figures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspection:
+    """What an extension finds of a model over records, for which it adds an option to a command."""
+
+    name: str
+    """The key of its content."""
+    section: FurtherSection
+    """Its section of a report, whose table the command prints, too."""
+    content: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Plain data by record."""
 
 
 def further_sections(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
-from hybrid_sysid_ros.report.further import further_sections
+from hybrid_sysid_ros.report.further import Inspection, further_sections
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.report.residual_patterns import patterns
 from hybrid_sysid_ros.report.run_summary import RunSummary
@@ -48,9 +48,10 @@ def write_report(
     provenance: Provenance,
     summary: RunSummary | None = None,
     driver: str = "",
+    inspections: Sequence[Inspection] = (),
 ) -> Path:
     """Write the report; an older one is replaced once the new one is whole. summary: of the run that made the loop.
-    driver: a sentence on who drove it.
+    driver: a sentence on who drove it. inspections: what extensions found of the model.
 
     Raises UserError where plotly or jinja2 is not installed, or the place cannot be written.
     """
@@ -68,7 +69,10 @@ def write_report(
                 "section": made,
                 "figures": [drawn(item, f"{name}-{k}") for k, item in enumerate(made.figures)],
             }
-            for name, made in further_sections(identification, closed_loop)
+            for name, made in [
+                *((item.name, item.section) for item in inspections),
+                *further_sections(identification, closed_loop),
+            ]
         ],
         "provenance": provenance,
         "hashes": _hashes(identification, closed_loop, provenance),
@@ -130,8 +134,6 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "runs": [_run(run, section) for run in runs],
         "kind": runs[0].kind if runs else FREE,
         "free": not runs or runs[0].kind == FREE,
-        "adapted": section.adapted,
-        "inputs": section.model.system.inputs,
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
         "stages": section.stages,
         "tests": section.tests,
@@ -147,7 +149,6 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "parameters": list(_parameters(section)),
         "lines": kind.lines(system),
         "figures": [drawn(figure, f"{prefix}{name}") for name, figure in kind.figures(system).items()],
-        "friction": drawn(figures.friction(section), f"{prefix}friction") if section.friction else "",
         "correlated": section.correlated,
         "doubts": section.doubts,
     }

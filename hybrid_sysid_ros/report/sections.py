@@ -15,10 +15,8 @@ from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.identification.validation.bands import bands_of
-from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
-from hybrid_sysid_ros.identification.validation.input_bias import Adapted
 from hybrid_sysid_ros.identification.validation.residual_tests import (
     LAGS,
     ResidualTest,
@@ -95,10 +93,6 @@ class IdentificationSection:
     runs: Sequence[FreeRunSection]
     stages: Sequence[StageResiduals] = ()
     """Residuals of the model's stages, such as a gray box alone and with its residual's model."""
-    adapted: Mapping[str, Adapted] = field(default_factory=dict)
-    """By record, free runs over its rest, without and with the input bias from its first seconds."""
-    friction: Mapping[str, FrictionCurve] = field(default_factory=dict)
-    """Friction curves of the model and of others for comparison, by name."""
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
@@ -128,16 +122,14 @@ class Provenance:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-def identification_section(
-    model: Model, records: Iterable[tuple[Record, Part]], adapted: Mapping[str, Adapted] | None = None
-) -> IdentificationSection:
-    """Free runs of a model over (parts of) records. adapted: by record, the effect of an input bias.
+def identification_section(model: Model, records: Iterable[tuple[Record, Part]]) -> IdentificationSection:
+    """Free runs of a model over (parts of) records.
 
     Raises UserError where a record does not fit the model's sampling.
     """
     used = list(records)
     runs = tuple(run for record, part in used for run in free_runs_of(model, record, part))
-    return IdentificationSection(model=model, runs=runs, stages=stages_of(model, used), adapted=adapted or {})
+    return IdentificationSection(model=model, runs=runs, stages=stages_of(model, used))
 
 
 def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[StageResiduals, ...]:

@@ -28,7 +28,7 @@ PACKAGE = __name__.partition(".")[0]
 KINDS = (
     "sections", "report", "companions", "demos", "controllers", "pictures", "structures", "blocks", "solvers",
     "policies", "exporters", "descriptions", "drawings", "record_checks", "record_remarks", "training_notes",
-    "use_checks", "loop_checks", "wrappers", "criteria",
+    "use_checks", "loop_checks", "wrappers", "criteria", "inspections", "comparisons",
 )  # fmt: skip
 """Kinds of objects that an extension may provide."""
 

@@ -13,7 +13,7 @@ SECTIONS = (
 NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
     "ensemble": ("ensemble",), "export": ("model export", "policy export", "export"),
-    "friction_atlas": ("friction",), "trained_range": ("trained-range",),
+    "friction_atlas": ("friction", "--beside"), "input_bias": ("--adapt",), "trained_range": ("trained-range",),
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
@@ -24,7 +24,7 @@ NEIGHBOURS = {
     "view": ("view", "rig layouts", "--view", "--port"),
     "vision": ("film", "video", "camera", "vision", "--camera", "--layers", "--picture"),
 }  # fmt: skip
-"""Commands, nodes, structures, and options of run and demo, of the extensions that come with this package, for errors
+"""Commands, nodes, structures, and options of trunk commands, of the extensions that come with this package, for errors
 that name a missing one.
 """
 

@@ -11,4 +11,5 @@ EXTENSION = Extension(
             "Draw a law of friction, or list them.",
         )
     },
+    provides={"comparisons": {"friction": "hybrid_sysid_ros.extensions.friction_atlas.comparison:comparison"}},
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.identification.validation.friction_curve import friction_curve
+from hybrid_sysid_ros.extensions.friction_atlas.friction_curve import friction_curve
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 

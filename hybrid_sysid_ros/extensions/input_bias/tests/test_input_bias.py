@@ -7,7 +7,7 @@ import pytest
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Dry, System, one_step, rollouts
-from hybrid_sysid_ros.identification.validation.input_bias import KNOWN, LASTS, adapt, estimate
+from hybrid_sysid_ros.extensions.input_bias.input_bias import KNOWN, LASTS, adapt, estimate
 from hybrid_sysid_ros.identification.validation.unstable import UnstableError
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
