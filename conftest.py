@@ -8,6 +8,8 @@ from typing import Any
 
 from hybrid_sysid_ros.nodes.executable import SECOND_TRY, start_again
 
+collect_ignore = ["hybrid_sysid_ros/extensions/driver/template"]  # its test runs beside the files of a rig
+
 
 def pytest_addoption(parser: Any, pluginmanager: Any) -> None:
     """Start again, before what the tests share is imported, which needs it all."""

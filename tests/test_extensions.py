@@ -416,7 +416,7 @@ def trunk_modules() -> list[str]:
     late = re.compile(r"(report/(charts|\w*figures))\.py")
     files = [path.relative_to(PACKAGE) for path in PACKAGE.glob("*/**/*.py")]
     files += [Path("nodes") / path.name for path in (ROOT / "nodes").glob("*.py")] if has_ros() else []
-    kept = [path for path in files if not {"extensions", "_driver"} & {*path.parts} and not late.fullmatch(str(path))]
+    kept = [path for path in files if not {"extensions"} & {*path.parts} and not late.fullmatch(str(path))]
     return sorted(
         {f"hybrid_sysid_ros.{'.'.join(path.with_suffix('').parts)}".removesuffix(".__init__") for path in kept}
     )

@@ -12,7 +12,7 @@ SECTIONS = (
 
 NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
-    "ensemble": ("ensemble",), "export": ("model export", "policy export", "export"),
+    "driver": ("rig driver",), "ensemble": ("ensemble",), "export": ("model export", "policy export", "export"),
     "friction_atlas": ("friction", "--beside"), "input_bias": ("--adapt",), "trained_range": ("trained-range",),
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
@@ -40,7 +40,6 @@ TRUNK = Extension(
         "check": (f"{COMMANDS}.check", "Check the installation in a quarter of a minute."),
         "demo": (f"{COMMANDS}.demo", "From bags to a controlled rig: identify, run the loop, report."),
         "rig new": (f"{COMMANDS}.rig_new", "Write a small rig to begin with."),
-        "rig driver": (f"{COMMANDS}.rig_driver", "Write a driver for a rig's hardware to begin with."),
         "rig check": (f"{COMMANDS}.rig_check", "Check a rig and show its step response."),
         "rig list": (f"{COMMANDS}.rig_list", "List the rigs that are known by name."),
     },

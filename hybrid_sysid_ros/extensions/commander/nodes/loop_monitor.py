@@ -11,10 +11,10 @@ from rclpy.node import Node
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.commander.language.forecast import Start
+from hybrid_sysid_ros.extensions.shared.nodes.collector import Collector
 from hybrid_sysid_ros.nodes.messages import JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
-from hybrid_sysid_ros.nodes.subscriptions import Collector
 from hybrid_sysid_ros.nodes.topics import TYPES
 from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.rigs.rig import Rig

@@ -10,6 +10,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 
+from hybrid_sysid_ros.extensions.shared.nodes.collector import Collector
 from hybrid_sysid_ros.extensions.view.controller_state import ControllerState
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
 from hybrid_sysid_ros.extensions.view.requests import WEIGHTS, RequestMenu
@@ -17,7 +18,6 @@ from hybrid_sysid_ros.extensions.view.tables import Tables
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, SignalPlace, Slots
-from hybrid_sysid_ros.nodes.subscriptions import Collector
 from hybrid_sysid_ros.nodes.topics import TYPES
 from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.runtime.parameters import defaults

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.commands import rig_driver, rig_new
+from hybrid_sysid_ros.commands import rig_new
+from hybrid_sysid_ros.extensions.driver.commands import rig_driver
 from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")

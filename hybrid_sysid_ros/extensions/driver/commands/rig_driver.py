@@ -9,11 +9,10 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import console
-from hybrid_sysid_ros.rigs.folder import HOME
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 
-TEMPLATE = HOME / "_driver"
+TEMPLATE = Path(__file__).parents[1] / "template"
 FILES = ("driver.py", "board.py", "test_driver.py")
 
 

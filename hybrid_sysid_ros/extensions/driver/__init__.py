@@ -1,0 +1,1 @@
+"""Driver: the beginning of a node that drives a rig's hardware."""
