@@ -6,8 +6,9 @@ from hybrid_sysid_ros.core.friction import Ageing, Bristles, Contact, Dry, Hyste
 from hybrid_sysid_ros.core.networks import Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
 from hybrid_sysid_ros.core.record_map import RecordMap
-from hybrid_sysid_ros.core.rollout import Sensitivities, one_step, rollouts, simulate, step_with_jacobian
+from hybrid_sysid_ros.core.rollout import one_step, rollouts, simulate, step_with_jacobian
 from hybrid_sysid_ros.core.runge_kutta import RungeKutta
+from hybrid_sysid_ros.core.sensitivities import Sensitivities
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Sampled, Stepper
 from hybrid_sysid_ros.core.system import Recurrence, System
 

@@ -1,14 +1,13 @@
-"""Rollouts: free runs of a system from given states, many at once, with or without derivatives."""
+"""Rollouts: free runs of a system from given states, many at once."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
+from hybrid_sysid_ros.core.call import call_jacobian, call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.sensing import finest
@@ -30,7 +29,7 @@ def dynamics(step: int, output: int, system: System, h: float) -> Dynamics:
     return step, output, system.values, system.weights, h, system.input_delays / h
 
 
-def _of_run(step: int, output: int, system: System, h: float) -> Dynamics:
+def run_dynamics(step: int, output: int, system: System, h: float) -> Dynamics:
     """The dynamics in a run, whose readings are late by themselves and not by a delay of the inputs."""
     model, sensing = dynamics(step, output, system, h), system.sensing
     return model if sensing is None else (*model[:5], model[5] - sensing.common_lag / h)
@@ -113,25 +112,25 @@ def rollouts(
     in place of u, with x at its beginning, so that runs of an unstable system stay near a record. Outputs are as the
     sensors read them that the system knows. Raises ValueError for arrays of other sizes.
     """
-    _fitting(system, x0, inputs)
+    check_shapes(system, x0, inputs)
     if system.sensing is None or not system.sensing.late:
-        return _run(system, starts, x0, inputs, step, every, feedback)
+        return unsensed_run(system, starts, x0, inputs, step, every, feedback)
     fine = finest(starts, every)
-    states, outputs = _run(system, fine, x0, inputs, step, 1, feedback)
+    states, outputs = unsensed_run(system, fine, x0, inputs, step, 1, feedback)
     shown = np.empty((int((starts[:, 2] + starts[:, 3]).max()), states.shape[1]))
     for (_, _, samples, row), (_, _, steps, begin) in zip(starts, fine, strict=True):
         shown[row : row + samples] = states[begin : begin + steps : every]
     return shown, system.sensing.readings(outputs, starts, every, step)
 
 
-def _run(
+def unsensed_run(
     system: System, starts: Starts, x0: Array, inputs: Array, step: float, every: int, feedback: Array | None
 ) -> tuple[Array, Array]:
     """States and outputs of rollouts, as no sensor reads them."""
     functions, total = compiled(system), int((starts[:, 2] + starts[:, 3]).max())
     states, outputs = np.empty((total, len(system.states))), np.empty((total, len(system.outputs)))
-    model = _of_run(functions.step, functions.output, system, step)
-    _rollouts(model, starts, x0, inputs, _gains(system, feedback), every, states, outputs)
+    model = run_dynamics(functions.step, functions.output, system, step)
+    _rollouts(model, starts, x0, inputs, feedback_gains(system, feedback), every, states, outputs)
     return states, outputs
 
 
@@ -143,7 +142,7 @@ def simulate(system: System, initial_state: Array, inputs: Array, *, step: float
     return states
 
 
-def _gains(system: System, feedback: Array | None) -> Array:
+def feedback_gains(system: System, feedback: Array | None) -> Array:
     """A feedback (inputs, states) for compiled loops; it has no rows where there is none."""
     n, m = len(system.states), len(system.inputs)
     if feedback is None:
@@ -153,7 +152,7 @@ def _gains(system: System, feedback: Array | None) -> Array:
     return np.ascontiguousarray(feedback, dtype=float)
 
 
-def _fitting(system: System, x0: Array, inputs: Array) -> None:
+def check_shapes(system: System, x0: Array, inputs: Array) -> None:
     """Raise ValueError for arrays of other sizes, beyond whose ends compiled code would read and write."""
     n, m = len(system.states), len(system.inputs)
     if x0.ndim != 2 or inputs.ndim != 2 or x0.shape[1] != n or inputs.shape[1] != m:
@@ -175,7 +174,7 @@ def one_step(system: System, x: Array, u: Array, *, step: float) -> Array:
     """
     following = np.empty(len(system.states))
     given = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)
-    _fitting(system, given[0][None], given[1][None])
+    check_shapes(system, given[0][None], given[1][None])
     advance(compiled(system).step, *given, system.values, system.weights, step, following)
     return following
 
@@ -201,7 +200,7 @@ def step_with_jacobian(
     rows = len(system.outputs if output else system.states)
     value, jacobian = np.empty(rows), np.empty((rows, columns.count))
     given = np.array(x, dtype=float), np.array(u, dtype=float)
-    _fitting(system, given[0][None], given[1][None])
+    check_shapes(system, given[0][None], given[1][None])
     _step_with_jacobian(address, *given, system.values, system.weights, step, smoothing, value, jacobian)
     return value, jacobian
 
@@ -211,160 +210,3 @@ def _step_with_jacobian(
     address: int, x: Array, u: Array, p: Array, w: Array, h: float, smoothing: float, value: Array, jacobian: Array
 ) -> None:
     call_jacobian(address, x, u, p, w, h, smoothing, value, jacobian)
-
-
-class Sensitivities:
-    """Derivatives of the outputs of rollouts: the tangent-linear model, or forward sensitivities.
-
-    They are exact for the discrete simulation, in one pass (Maly & Petzold 1996, Appl. Numer. Math. 20). Where dry
-    friction begins or ceases to stick the simulation has a corner, and they jump.
-    """
-
-    def __init__(
-        self,
-        system: System,
-        *,
-        parameters: Sequence[int] | None = None,
-        states: Sequence[int] | None = None,
-        learn: bool = True,
-    ) -> None:
-        """Columns: derivatives by ``parameters`` (indices, none of a fixed one), by all weights, and by the initial
-        ``states`` of a window, in this order; None stands for all. Without ``learn`` they are those by states alone.
-        """
-        functions = compiled(system)
-        self._step, found = functions.jacobian(learn=learn)
-        self._output, _ = functions.jacobian(output=True, learn=learn)
-        self.columns, free = found, list(found.parameters)
-        self.parameters = free if parameters is None else list(parameters)
-        self.weights = found.weights
-        self.states = list(range(found.states)) if states is None else list(states)
-        self._wide, offset = found.count, found.states + found.inputs
-        learnt = [offset + free.index(i) for i in self.parameters]
-        learnt += range(offset + len(free), offset + len(free) + found.weights)
-        self._names = names = [system.parameters[i].name for i in self.parameters]
-        held = [system.delays.get(item.name) for item in system.inputs]
-        self._learnt = np.array(learnt, dtype=np.int64)
-        self._free_states = np.array(self.states, dtype=np.int64)
-        self._delayed = np.array([names.index(name) if name in names else -1 for name in held], dtype=np.int64)
-
-    @property
-    def count(self) -> int:
-        """Number of columns."""
-        return len(self._learnt) + len(self.states)
-
-    def rollouts(
-        self,
-        system: System,
-        starts: Starts,
-        x0: Array,
-        inputs: Array,
-        *,
-        step: float,
-        every: int,
-        out: Array,
-        feedback: Array | None = None,
-    ) -> None:
-        """Write the derivatives to ``out`` (samples, outputs, columns); see :func:`rollouts`."""
-        _fitting(system, x0, inputs)
-        columns, gains = (self._learnt, self._free_states, self._delayed), _gains(system, feedback)
-        model, sensing = _of_run(self._step, self._output, system, step), system.sensing
-        if sensing is None or not sensing.late:
-            _tangents(model, starts, x0, inputs, gains, columns, every, self._wide, out)
-            return
-        fine = finest(starts, every)
-        slopes = np.empty((int(fine[-1, 2] + fine[-1, 3]), out.shape[1], out.shape[2]))
-        _tangents(model, fine, x0, inputs, gains, columns, 1, self._wide, slopes)
-        outputs = _run(system, fine, x0, inputs, step, 1, feedback)[1]
-        moved, read = sensing.moves(outputs, starts, every, step), sensing.readings(slopes, starts, every, step)
-        for _, _, samples, row in starts:
-            rows = slice(row, row + samples)
-            out[rows] = read[rows]
-            for name, (output, slope) in moved.items():
-                if name in self._names:
-                    out[rows, output, self._names.index(name)] += slope[rows]
-
-
-@kernel
-def _tangents(
-    model: Dynamics,
-    starts: Starts,
-    x0: Array,
-    inputs: Array,
-    feedback: Array,
-    columns: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
-    every: int,
-    wide: int,
-    out: Array,
-) -> None:
-    """Write the tangents of rollouts to ``out`` (samples, outputs, columns).
-
-    The Jacobians of both functions have ``wide`` columns. columns: those by parameters and weights, those by initial
-    states, and for each input the column of its delay, -1 for none.
-    """
-    step, output, p, w, h, delays = model
-    learnt, free_states, delayed_by = columns
-    n, m, rows, count, last = x0.shape[1], inputs.shape[1], out.shape[1], out.shape[2], inputs.shape[0] - 1
-    x, following, u, change = np.empty(n), np.empty(n), np.empty(m), np.zeros(m)
-    y, jacobian, by_output = np.empty(rows), np.empty((n, wide)), np.empty((rows, wide))
-    tangent, moved = np.empty((n, count)), np.empty((n, count))
-    for window in range(starts.shape[0]):
-        first, k, samples, row = starts[window]
-        tangent[:, :] = 0.0
-        for i in range(n):
-            x[i] = x0[window, i]
-        for c in range(free_states.shape[0]):
-            tangent[free_states[c], learnt.shape[0] + c] = 1.0
-        for sample in range(samples):
-            for repeat in range(every + 1):
-                if sample == 0 and repeat < every:
-                    continue
-                delayed(inputs, delays, first, k, u)
-                fed_back(feedback, x, u)
-                for j in range(m):
-                    if delayed_by[j] >= 0:
-                        whole = int(delays[j])
-                        late = min(max(k - whole, first), last)
-                        before = min(max(k - whole - 1, first), last)
-                        change[j] = (inputs[before, j] - inputs[late, j]) / h
-                if repeat < every:
-                    call_jacobian(step, x, u, p, w, h, 0.0, following, jacobian)
-                    _close(jacobian, feedback, n)
-                    _chain(jacobian, tangent, learnt, delayed_by, change, moved)
-                    x, following = following, x
-                    tangent, moved = moved, tangent
-                    k += 1
-                else:
-                    call_jacobian(output, x, u, p, w, h, 0.0, y, by_output)
-                    _close(by_output, feedback, n)
-                    _chain(by_output, tangent, learnt, delayed_by, change, out[row + sample])
-
-
-@inner
-def _close(jacobian: Any, feedback: Any, n: int) -> None:
-    """Close the loop in a Jacobian of n states, in place: jacobian_x - jacobian_u F."""
-    for j in range(feedback.shape[0]):
-        for i in range(jacobian.shape[0]):
-            for a in range(n):
-                jacobian[i, a] -= jacobian[i, n + j] * feedback[j, a]
-
-
-@inner
-def _chain(jacobian: Any, tangent: Any, learnt: Any, delayed_by: Any, change: Any, out: Any) -> None:
-    """The chain rule: out = jacobian_x tangent + [derivatives by parameters and weights] + jacobian_u (of delays)."""
-    rows, width = jacobian.shape
-    n, count = tangent.shape
-    # Plain memory: an index that could be negative keeps the compiler from making vectors of a loop.
-    s, t, o = pointer(jacobian), pointer(tangent), pointer(out)
-    for i in range(rows):
-        for c in range(learnt.shape[0]):
-            o[i * count + c] = s[i * width + learnt[c]]
-        for c in range(learnt.shape[0], count):
-            o[i * count + c] = 0.0
-        for j in range(change.shape[0]):
-            if delayed_by[j] >= 0:
-                o[i * count + delayed_by[j]] += s[i * width + n + j] * change[j]
-        for a in range(n):
-            slope = s[i * width + a]
-            if slope != 0.0:
-                for c in range(count):
-                    o[i * count + c] += slope * t[a * count + c]
