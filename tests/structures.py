@@ -43,7 +43,7 @@ def structure(name: str, seed: int = 0) -> System:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cart(System):
+class ThrusterCart(System):
     """v' = left + right - F sgn v, of two thrusters that act after different times."""
 
     states = ("position [m]", "velocity [m/s]")

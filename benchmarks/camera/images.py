@@ -19,7 +19,7 @@ from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import (
     AHEAD,
     PictureModel,
     PredictedFrame,
-    Watched,
+    SeenMotion,
     judged,
     looks,
 )
@@ -135,12 +135,12 @@ def inputs_of(done: Experiment) -> Array:
     return np.asarray(np.diff(sums, axis=0) / np.diff(ends)[:, None])
 
 
-def watched(done: Experiment, reader: AngleReader) -> tuple[Watched, Watched]:
+def watched(done: Experiment, reader: AngleReader) -> tuple[SeenMotion, SeenMotion]:
     """What the camera showed of an experiment, and what is true."""
     layers, readings = reader.layers, [reader.read(picture) for picture in done.seen.film]
     rows = np.array([reading.row for reading in readings])
     positions = np.array([layers.position(reading.angle) for reading in readings])
-    seen = Watched(
+    seen = SeenMotion(
         times=done.seen.times, seen=done.seen.times + np.array([layers.row_time(row) for row in rows]),
         positions=positions,
     )  # fmt: skip

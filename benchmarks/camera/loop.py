@@ -37,7 +37,7 @@ LEARNED_SEED = 100
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class PoorReading:
     """When frames come, and which do not."""
 
     latency: float
@@ -51,10 +51,10 @@ class Reading:
 
 
 CASES = {
-    "25 ms late": Reading(latency=0.025),
-    "50 ms late": Reading(latency=0.05),
-    "25 ms late, 10 % dropped, 10 ms jitter": Reading(latency=0.025, dropped=0.1, jitter=0.01),
-    "25 ms late, 2 s of darkness": Reading(latency=0.025, dark=(10.0, 12.0)),
+    "25 ms late": PoorReading(latency=0.025),
+    "50 ms late": PoorReading(latency=0.05),
+    "25 ms late, 10 % dropped, 10 ms jitter": PoorReading(latency=0.025, dropped=0.1, jitter=0.01),
+    "25 ms late, 2 s of darkness": PoorReading(latency=0.025, dark=(10.0, 12.0)),
 }
 
 
@@ -77,7 +77,7 @@ class Watcher:
     """An estimator that is told what frames show, when they come."""
 
     def __init__(
-        self, estimator: ExtendedKalmanFilter, plant: SeenPlant, layers: PictureLayers, reading: Reading, seed: int
+        self, estimator: ExtendedKalmanFilter, plant: SeenPlant, layers: PictureLayers, reading: PoorReading, seed: int
     ) -> None:
         self.estimator, self.plant, self.reading = estimator, plant, reading
         self.camera = Camera()
@@ -128,7 +128,7 @@ def learned(rig: Rig) -> PictureLayers:
     return learn(steady(seen.film, LEARNED_FROM), rig, readout=case.camera.readout)[0]
 
 
-def run(rig: Rig, layers: PictureLayers, reading: Reading, seed: int) -> tuple[ClosedLoop, Watcher]:
+def run(rig: Rig, layers: PictureLayers, reading: PoorReading, seed: int) -> tuple[ClosedLoop, Watcher]:
     """The hardware reference under the shipped policy and its supervisor."""
     model = load_model(configuration.shipped(rig.name, "model"))
     values = {**configuration.defaults(rig.name, "estimator"), "camera_noise": NOISE}

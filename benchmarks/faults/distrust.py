@@ -16,7 +16,7 @@ from hybrid_sysid_ros.nodes.signal_layout import SignalPlace
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 
-Reading = Callable[[float], float]
+ReadingChange = Callable[[float], float]
 """Makes a reading of the true one; of one fault alone, for it may remember."""
 Acting = Callable[[Array], Array]
 """Makes of the commanded inputs (m,) what acts."""
@@ -30,7 +30,7 @@ SHARE, STUCK = 0.6, 0.8
 """Of readings that spike, and of its range at which an actuator is stuck."""
 
 
-def _rewritten(place: SignalPlace, make: Callable[[], Reading]) -> Callable[[], Change]:
+def _rewritten(place: SignalPlace, make: Callable[[], ReadingChange]) -> Callable[[], Change]:
     """Measurements one number of which is another one."""
 
     def begin() -> Change:
@@ -47,7 +47,7 @@ def _rewritten(place: SignalPlace, make: Callable[[], Reading]) -> Callable[[], 
     return begin
 
 
-def _sensor(place: SignalPlace, make: Callable[[], Reading]) -> Fault:
+def _sensor(place: SignalPlace, make: Callable[[], ReadingChange]) -> Fault:
     def fault(stage: Stage) -> None:
         with changed(stage, _rewritten(place, make)()):
             time.sleep(LASTING)
@@ -55,10 +55,10 @@ def _sensor(place: SignalPlace, make: Callable[[], Reading]) -> Fault:
     return fault
 
 
-def _dithered(count: float) -> Callable[[], Reading]:
+def _dithered(count: float) -> Callable[[], ReadingChange]:
     """About the first reading, by a count from one to the next."""
 
-    def make() -> Reading:
+    def make() -> ReadingChange:
         held: list[float] = []
 
         def reading(value: float) -> float:
@@ -70,18 +70,18 @@ def _dithered(count: float) -> Callable[[], Reading]:
     return make
 
 
-def _spiking(size: float) -> Callable[[], Reading]:
-    def make() -> Reading:
+def _spiking(size: float) -> Callable[[], ReadingChange]:
+    def make() -> ReadingChange:
         draw = random.Random(0)
         return lambda value: value + size * (draw.random() < SHARE)
 
     return make
 
 
-def _drifting(rate: float) -> Callable[[], Reading]:
+def _drifting(rate: float) -> Callable[[], ReadingChange]:
     """Off by more and more [unit/s]."""
 
-    def make() -> Reading:
+    def make() -> ReadingChange:
         began = time.monotonic()
         return lambda value: value + rate * (time.monotonic() - began)
 
@@ -94,7 +94,7 @@ def sensors(rig: Rig, stage_outputs: list[SignalPlace], sizes: Array) -> dict[st
     for place, item, sensor, size in zip(stage_outputs, rig.system.outputs, rig.sensors, sizes.tolist(), strict=True):
         count = abs(sensor.scale) * (sensor.quantiser.count if sensor.quantiser else 0.1 * sensor.white_noise)
         still = "times the same reading|left out|slowed|missing"
-        kinds: dict[str, tuple[Callable[[], Reading], str]] = {
+        kinds: dict[str, tuple[Callable[[], ReadingChange], str]] = {
             "sign flips": (lambda: lambda value: -value, "" if item.name in QUIET.get(rig.name, ()) else DOUBTED),
             "gain .5": (lambda: lambda value: 0.5 * value, ""),
             "dithers by a count": (_dithered(count), still if sensor.noisy else DOUBTED),

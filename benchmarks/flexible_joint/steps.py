@@ -52,7 +52,7 @@ UNFORESEEN = {"reference": {"preview_seconds": 0.01, "publish_period": 0.005, "p
 """Of the nodes: no reference is known more than 10 ms ahead."""
 
 
-class Watched:
+class WatchedLoop:
     """A controller and an estimator whose numbers are kept."""
 
     def __init__(self, controller: Controller, estimator: ExtendedKalmanFilter) -> None:
@@ -121,10 +121,10 @@ def best_pi(rig: Rig, *, price: float = PRICE) -> dict[str, float]:
     return {"gain": float(gain), "integral": float(integral), "cost": float(found.fun), "loops": int(found.nfev)}
 
 
-def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int) -> tuple[Watched, Any]:
+def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int) -> tuple[WatchedLoop, Any]:
     """The loop of a controller in lockstep at 200 Hz, and what was counted in it."""
     tuning = configuration.estimator_tuning(configuration.defaults(rig, "estimator"), rig, model.system)
-    watched = Watched(controller, ExtendedKalmanFilter(model.system, tuning, period=PERIOD, latency=0.0))
+    watched = WatchedLoop(controller, ExtendedKalmanFilter(model.system, tuning, period=PERIOD, latency=0.0))
     schedule, scales = rig.schedule(REFERENCE), np.array([display.scale for display in rig.display])
 
     watched.reset()

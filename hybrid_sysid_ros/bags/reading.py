@@ -56,10 +56,10 @@ def read(path: Path | str, signals: Signals, *, period: float | None = None, rec
     if period is not None and not 0 < period <= LONGEST_PERIOD:
         raise UserError(f"period is {period:g}: it needs seconds above 0 and at most {LONGEST_PERIOD:g}")
     with opened(path, recover=recover) as bag:
-        return _Reading(bag, signals, period).record()
+        return _BagReader(bag, signals, period).record()
 
 
-class _Reading:
+class _BagReader:
     """The reading of one bag into a record."""
 
     def __init__(self, bag: Bag, signals: Signals, period: float | None) -> None:

@@ -91,7 +91,7 @@ def command(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Findings:
+class _Evaluation:
     """What an evaluation found, by the records' names."""
 
     scores: Mapping[str, Mapping[str, Any]]
@@ -124,7 +124,7 @@ class _Findings:
         }
 
 
-def _found(model: Model, records: Sequence[Record], part: Part, rig: Rig) -> _Findings:
+def _found(model: Model, records: Sequence[Record], part: Part, rig: Rig) -> _Evaluation:
     experiments = {record.name: experiment_of(model, record, part=part) for record in records}
     ahead, runs = dict[str, Sequence[PredictionErrors]](), dict[str, Array]()
     for name, experiment in experiments.items():
@@ -140,7 +140,7 @@ def _found(model: Model, records: Sequence[Record], part: Part, rig: Rig) -> _Fi
             ahead[name] = predictions(model.system, experiments[name], None)
     bands = _bands(model, {name: experiments[name] for name in runs})
     loops, skipped = _loops(model, records, part, rig)
-    return _Findings(
+    return _Evaluation(
         scores=scores,
         ahead=ahead,
         qualities={name: quality for name, quality in qualities.items() if quality.kind},
@@ -160,7 +160,7 @@ def _uses(model: Model, experiment: PreparedRecord, run: Array) -> dict[str, Map
     return {name: found for name, found in made.items() if found}
 
 
-def _show(found: _Findings, rig: Rig) -> None:
+def _show(found: _Evaluation, rig: Rig) -> None:
     """Print what was found, what counts most first."""
     for use in (item for uses in found.uses.values() for item in uses.values()):
         console.print(use["sentence"])

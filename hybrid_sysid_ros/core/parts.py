@@ -17,7 +17,7 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.typed_passes import NativeLowering
 
 
-class _Part(JITCodeLibrary):
+class _CodePart(JITCodeLibrary):
     """The code of one such function alone: callers link it and, separately, what it calls."""
 
     def finalize(self) -> None:
@@ -40,7 +40,7 @@ class _PartLowering(NativeLowering):
     _name = "part_lowering"
 
     def run_pass(self, state: Any) -> bool:
-        state.library = library = _Part(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library = library = _CodePart(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags = state.flags.copy()
         state.flags.no_compile = True
         super().run_pass(state)

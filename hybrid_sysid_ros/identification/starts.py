@@ -144,7 +144,7 @@ def _searched(
     if unknown and not np.any(state[unknown]):  # nothing is known, not even by an encoder
         random = np.random.default_rng(0).normal(size=(BEGINNINGS - 1, len(free)))
         moves = np.concatenate([moves, random * np.where(priors < 1.0, 2.0, 0.0)])
-    problem = _Problem(system, experiment, state, free, scales, priors, measured)
+    problem = _StartProblem(system, experiment, state, free, scales, priors, measured)
     errors = np.maximum(noise, RELATIVE_ERROR * deviation)
     moves, costs = problem.search(moves, errors)
     best = int(np.argmin(costs))
@@ -161,7 +161,7 @@ def _searched(
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _StartProblem:
     """Runs over a record's first samples from several beginnings at once; moves (beginnings, free) are in scales."""
 
     system: System

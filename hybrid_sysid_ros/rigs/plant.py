@@ -61,7 +61,7 @@ class Plant:
         for item, sensor in zip(rig.system.outputs, rig.sensors, strict=True):
             if sensor.window:
                 rig.steps(sensor.window, f"{rig.file}: sensors.{item.name}.window")
-        self._channels = [_Reading(sensor, rig.step) for sensor in rig.sensors]
+        self._channels = [_SensorChannel(sensor, rig.step) for sensor in rig.sensors]
         self._drive, self._outputs = np.zeros(len(rig.actuators)), np.zeros(len(rig.sensors))
         velocities = (system.kinematics.get(index, -1) for index in range(len(system.states)))
         self._velocities = np.array(list(velocities), dtype=np.int64)
@@ -216,7 +216,7 @@ def _moved(
     return stopped
 
 
-class _Reading:
+class _SensorChannel:
     """One running sensor: its delayed outputs, its reading [SI] and its low-pass."""
 
     def __init__(self, sensor: Sensor, step: float) -> None:

@@ -84,7 +84,7 @@ class LoopRecord:
         """Read joint_states, joint_command and reference of a rig. Raises UserError where bag, topic, field or a number
         is missing, or stamps run backwards.
         """
-        return _Reading(Path(path), rig).loop()
+        return _LoopReader(Path(path), rig).loop()
 
     @property
     def is_real_time(self) -> bool:
@@ -146,7 +146,7 @@ class LoopRecord:
         return Delays.of(self.turnaround[self.within(start, stop)])
 
 
-class _Reading:
+class _LoopReader:
     """The reading of one bag into a LoopRecord."""
 
     def __init__(self, path: Path, rig: Rig) -> None:

@@ -43,7 +43,7 @@ class Old(Block):
     contacts = (Ageing(on="speed", level=2.0, excess=1.0, rest_time=0.5, memory=0.02),)
 
 
-class Loop(Block):
+class FrictionLoop(Block):
     contacts = (Hysteretic(on="speed", coulomb=2.0, static=3.0, speed_shape=5.0, acceleration_shape=0.5),)
 
 
@@ -153,12 +153,12 @@ def test_hysteretic_friction_is_higher_while_the_speed_grows():
     assert up == pytest.approx(2.0 + excess)
     assert down == pytest.approx(2.0 - excess)
     assert float(casadi.evalf(casadi.SX(stefanski(0.0, 0.0, 2.0, 3.0, 5.0, 0.5)))) == 3.0  # static at rest
-    held = simulate(Loop(), np.zeros(3), np.full((100, 1), 2.99), step=1e-3)
+    held = simulate(FrictionLoop(), np.zeros(3), np.full((100, 1), 2.99), step=1e-3)
     assert np.all(held[:, 1] == 0.0)
-    assert simulate(Loop(), np.zeros(3), np.full((100, 1), 3.01), step=1e-3)[-1, 1] > 0.0
+    assert simulate(FrictionLoop(), np.zeros(3), np.full((100, 1), 3.01), step=1e-3)[-1, 1] > 0.0
 
 
-@pytest.mark.parametrize("system", [Elements(), Falling(), Old(), Loop()], ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("system", [Elements(), Falling(), Old(), FrictionLoop()], ids=lambda s: type(s).__name__)
 def test_the_smoothed_step_tends_to_the_exact_one(system):
     random, n = np.random.default_rng(0), len(system.states)
     exact, smooth = (symbolic_step(system, step=1e-3, smoothing=s) for s in (0.0, 1e-7))
@@ -169,7 +169,7 @@ def test_the_smoothed_step_tends_to_the_exact_one(system):
         np.testing.assert_allclose(np.array(smooth(state, push)), np.array(exact(state, push)), rtol=1e-3, atol=2e-5)
 
 
-@pytest.mark.parametrize("system", [Elements(), Old(), Loop()], ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("system", [Elements(), Old(), FrictionLoop()], ids=lambda s: type(s).__name__)
 def test_the_smoothed_step_has_derivatives_at_rest(system):
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u")
     step = symbolic_step(system, step=1e-3, smoothing=0.01)

@@ -18,12 +18,12 @@ import sys
 import numpy as np
 from hybrid_sysid_ros.core import Sensitivities, Softsign, rollouts
 from hybrid_sysid_ros.models.hybrid_system import Hybrid
-from tests.structures import Cart
+from tests.structures import ThrusterCart
 
 for units in map(int, sys.argv[1:]):
     block = Softsign(features=4, units=units)
     weights = block.initial(units, output=1.0)
-    hybrid = Hybrid(physics=Cart(), on=("velocity",), block=block, scales=(1.0,) * 5, network_weights=weights)
+    hybrid = Hybrid(physics=ThrusterCart(), on=("velocity",), block=block, scales=(1.0,) * 5, network_weights=weights)
     starts, x, u = np.array([[0, 0, 3, 0]]), np.array([[0.3, 2.0]]), np.full((2, 2), 0.5)
     told = Sensitivities(hybrid, parameters=(), states=())
     derivatives, moved = np.empty((3, 2, told.count)), []

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.core import RungeKutta, System, bounded, rollouts, simulate
-from tests.structures import Cart
+from tests.structures import ThrusterCart
 
 
 def seen_through(inputs, delay, step, parts=1000):
@@ -36,15 +36,15 @@ def test_a_delay_of_two_and_a_half_steps_by_hand(slider):
 def test_two_inputs_act_each_after_its_own_delay():
     """By a step of .1 s: the left one after one step, the right one after two and a half."""
     inputs = np.array([[4.0, 0.0], [5.0, 4.0], [4.0, 8.0], [4.0, 8.0], [4.0, 8.0]])
-    speeds = simulate(Cart(), np.zeros(2), inputs, step=0.1)[:, 1]
+    speeds = simulate(ThrusterCart(), np.zeros(2), inputs, step=0.1)[:, 1]
     seen = np.array([4.0, 4.0, 5.0, 4.0, 4.0]) + np.array([0.0, 0.0, 0.0, 2.0, 6.0])
     np.testing.assert_allclose(np.diff(speeds) / 0.1, seen - 2.0)
-    assert Cart().delay == 0.25
+    assert ThrusterCart().delay == 0.25
 
 
 def test_outputs_are_a_map_of_states_and_of_the_inputs_that_act():
     inputs = np.array([[4.0, 0.0], [5.0, 4.0], [4.0, 8.0], [4.0, 8.0], [4.0, 8.0]])
-    states, outputs = rollouts(Cart(), np.array([[0, 0, 6, 0]]), np.zeros((1, 2)), inputs, step=0.1)
+    states, outputs = rollouts(ThrusterCart(), np.array([[0, 0, 6, 0]]), np.zeros((1, 2)), inputs, step=0.1)
     seen = np.array([4.0, 4.0, 5.0, 6.0, 10.0, 12.0])  # behind its end the record's last input holds
     np.testing.assert_allclose(outputs, np.column_stack([states[:, 0], seen - 3.0 * states[:, 1]]), rtol=1e-13)
 

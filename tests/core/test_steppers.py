@@ -46,7 +46,7 @@ def test_a_motor_of_three_states_moves_as_its_differential_equation(motor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pendulum(System):
+class CartPendulum(System):
     """A pendulum on a cart that is accelerated: q'' = -w^2 sin q - u cos q - d q'."""
 
     states = ("angle [rad]", "rate [rad/s]")
@@ -70,7 +70,7 @@ def test_runge_kutta_is_of_order_four():
     start = np.array([1.2, -0.5])
     exact = solve_ivp(rates, (0.0, 1.0), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
     errors = [
-        np.linalg.norm(simulate(Pendulum(), start, np.full((steps, 1), 3.0), step=1.0 / steps)[-1] - exact)
+        np.linalg.norm(simulate(CartPendulum(), start, np.full((steps, 1), 3.0), step=1.0 / steps)[-1] - exact)
         for steps in (25, 50, 100, 200)
     ]
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.15)
@@ -79,7 +79,7 @@ def test_runge_kutta_is_of_order_four():
 
 def test_the_slopes_of_a_runge_kutta_step_are_casadis():
     """Stages and chain rule are loops about the printed law in one form, and written out in the other."""
-    system, h = Pendulum(), 0.05
+    system, h = CartPendulum(), 0.05
     x, u, p, following = parametric_step(system, step=h)
     expected = casadi.Function("j", [x, u, p], [casadi.jacobian(following, casadi.vertcat(x, u, p))])
     random = np.random.default_rng(0)

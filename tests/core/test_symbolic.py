@@ -8,7 +8,7 @@ from hybrid_sysid_ros.core import one_step, simulate, step_with_jacobian
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from tests.evaluation import parametric_step
-from tests.structures import DEFLECTION, FURTHER, MOTIONS, RANGE, SYSTEMS, Cart, TwoTanks, structure
+from tests.structures import DEFLECTION, FURTHER, MOTIONS, RANGE, SYSTEMS, ThrusterCart, TwoTanks, structure
 
 
 def points(count=200, seed=1):
@@ -104,7 +104,7 @@ def test_what_rounding_does_to_bristles_goes_with_it():
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
 
 
-@pytest.mark.parametrize("system", [TwoTanks(), Cart()], ids=["tanks", "cart"])
+@pytest.mark.parametrize("system", [TwoTanks(), ThrusterCart()], ids=["tanks", "cart"])
 def test_the_output_map_and_its_slopes_are_the_exported_ones(system):
     output = symbolic_output(system)
     x, u = casadi.SX.sym("x", 2), casadi.SX.sym("u", 2)

@@ -335,7 +335,7 @@ def test_outputs_that_jump_together_win_together_and_one_alone_is_an_outlier(kin
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cart(System):
+class HeatedCart(System):
     """Nothing pulls the cart back, so its speed does not tell where it is; the heat of its motor dies away."""
 
     states = ("place [m]", "speed [m/s]", "heat [K]")
@@ -359,14 +359,14 @@ CART = Tuning(
 
 
 def test_a_state_that_nothing_shows_is_refused_by_its_name(kind):
-    with pytest.raises(UserError, match="Cart: state place can't be told from speed"):
-        kind(Cart(), dataclasses.replace(CART, channels={}), period=PERIOD)
-    kind(Cart(), CART, period=PERIOD)  # the tape shows it; the heat dies away unseen
+    with pytest.raises(UserError, match="HeatedCart: state place can't be told from speed"):
+        kind(HeatedCart(), dataclasses.replace(CART, channels={}), period=PERIOD)
+    kind(HeatedCart(), CART, period=PERIOD)  # the tape shows it; the heat dies away unseen
 
 
 def test_offsets_of_inputs_that_act_alike_are_refused(kind):
     with pytest.raises(UserError, match=r"an offset of input (push|pull) can't be told"):
-        kind(Cart(), dataclasses.replace(CART, disturbance_noise=(0.1, 0.1)), period=PERIOD)
+        kind(HeatedCart(), dataclasses.replace(CART, disturbance_noise=(0.1, 0.1)), period=PERIOD)
 
 
 @pytest.mark.parametrize(
@@ -380,7 +380,7 @@ def test_offsets_of_inputs_that_act_alike_are_refused(kind):
 )
 def test_a_tuning_that_does_not_fit_is_told(changes, reason):
     with pytest.raises(UserError, match=reason):
-        dataclasses.replace(CART, **changes).checked(Cart())
+        dataclasses.replace(CART, **changes).checked(HeatedCart())
 
 
 def test_another_number_of_outputs_is_told(kind):

@@ -70,7 +70,7 @@ def select_rules(
     that are alike, singular or without data.
     """
     regression = Regression.of(experiments, output_lags=output_lags, input_lags=input_lags, kind=TakagiSugeno.KIND)
-    selection = _Selection(regression, ellipsoids=ellipsoids, seed=seed)
+    selection = _RuleSelection(regression, ellipsoids=ellipsoids, seed=seed)
     chosen = tuple(premises) if premises is not None else selection.premises(rules or FEW)
     found = selection.clustered(chosen, rules or selection.grown(chosen))
     consequents = least_squares(found.design(regression.lagged), regression.targets, ridge=RIDGE)
@@ -83,7 +83,7 @@ def select_rules(
     )
 
 
-class _Selection:
+class _RuleSelection:
     """Choices by the held parts of the rows."""
 
     def __init__(self, regression: Regression, *, ellipsoids: bool, seed: int) -> None:

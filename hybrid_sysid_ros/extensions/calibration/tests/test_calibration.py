@@ -26,7 +26,7 @@ PRIORS = {"angle_gain": 0.3, "angle_offset": 0.3, "angle_delay": 0.05, "angle_wi
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pendulum(System):
+class TorquePendulum(System):
     """A pendulum whose torque is known: its sine tells an angle from another scale, and its rest from an offset."""
 
     states = ("angle [rad]", "speed [rad/s]")
@@ -40,7 +40,7 @@ class Pendulum(System):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Twice(Pendulum):
+class Twice(TorquePendulum):
     """A pendulum with a parameter that is called as one of its sensor would be."""
 
     angle_gain: float = bounded(1.0, 0.1, 2.0, unit="1")
@@ -57,7 +57,7 @@ def recorded(seed: int, sensor: dict[str, float], noise: float = 0.002) -> Recor
     """Readings by quadrature of a fine run: no code of the package but its steps."""
     random = np.random.default_rng(seed)
     levels = 20.0 * random.uniform(-1.0, 1.0, SAMPLES // 40).repeat(40)
-    run = simulate(Pendulum(), np.zeros(2), levels.repeat(FINE)[:, None], step=PERIOD / FINE)[:, 0]
+    run = simulate(TorquePendulum(), np.zeros(2), levels.repeat(FINE)[:, None], step=PERIOD / FINE)[:, 0]
     fine = np.arange(len(run)) * PERIOD / FINE
     time = np.arange(SAMPLES) * PERIOD
     ages = sensor["angle_delay"] + np.linspace(0.0, sensor["angle_window"], 201)
@@ -70,7 +70,7 @@ def recorded(seed: int, sensor: dict[str, float], noise: float = 0.002) -> Recor
 def model() -> Model:
     given = Sampling(step=0.005, period=0.02)
     return identify(
-        [recorded(0, SENSOR), recorded(1, SENSOR)], rig_of(Pendulum()), "gray", sampling=given, options=PRIORS
+        [recorded(0, SENSOR), recorded(1, SENSOR)], rig_of(TorquePendulum()), "gray", sampling=given, options=PRIORS
     )
 
 
@@ -85,7 +85,7 @@ def test_gain_offset_delay_and_window_are_found_within_their_intervals(model: Mo
 
 def test_a_saved_model_keeps_its_sensors(model: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model.save(tmp_path / "model")
-    rig = rig_of(Pendulum())
+    rig = rig_of(TorquePendulum())
     monkeypatch.setattr(rigs, "load", lambda *_: rig)
     again = load(tmp_path / "model")
     assert again.system.named == model.system.named
@@ -109,7 +109,7 @@ def test_a_gain_that_no_record_tells_from_the_physics_is_doubted() -> None:
 
 def test_readings_have_the_derivatives_of_their_differences() -> None:
     free = tuple(Free(output="angle", quantity=name, centre=0.1, spread=0.1) for name in ("gain", "delay", "window"))
-    system = Calibrated(physics=Pendulum(), free=free, numbers=(1.1, 0.0133, 0.0312), lags=((0.0, 0.0),))
+    system = Calibrated(physics=TorquePendulum(), free=free, numbers=(1.1, 0.0133, 0.0312), lags=((0.0, 0.0),))
     inputs = np.random.default_rng(0).normal(size=(400, 1)).cumsum(axis=0)
     starts, first = np.array([[0, 0, 41, 0], [0, 100, 30, 41]]), np.array([[0.3, 0.0], [0.2, 1.0]])
     given: dict[str, Any] = {"step": 0.005, "every": 5}
@@ -127,13 +127,13 @@ def test_readings_have_the_derivatives_of_their_differences() -> None:
 
 def test_a_loop_has_what_all_readings_are_late_by_as_a_delay_of_its_inputs() -> None:
     free = tuple(Free(output="angle", quantity=name, centre=0.1, spread=0.1) for name in ("delay", "window"))
-    system = Calibrated(physics=Pendulum(), free=free, numbers=(0.02, 0.01), lags=((0.0, 0.0),))
+    system = Calibrated(physics=TorquePendulum(), free=free, numbers=(0.02, 0.01), lags=((0.0, 0.0),))
     np.testing.assert_allclose(system.input_delays, [0.025])
     assert system.plain_outputs
 
 
 def test_sensors_that_can_not_be_are_refused() -> None:
-    record, rig = recorded(0, SENSOR), rig_of(Pendulum())
+    record, rig = recorded(0, SENSOR), rig_of(TorquePendulum())
     sampling = Sampling(step=0.005, period=0.02)
     with pytest.raises(UserError, match=r"has no option speed_gain; it has .*angle_gain"):
         identify([record], rig, "gray", sampling=sampling, options={"speed_gain": 0.1})
@@ -147,4 +147,4 @@ def test_sensors_that_can_not_be_are_refused() -> None:
         {"sensors": [["angle", "hum", 1, 1]], "lags": [[0, 0]]},
     ):
         with pytest.raises(UserError, match="fit again"):
-            Calibration().stored(Pendulum(), design)
+            Calibration().stored(TorquePendulum(), design)

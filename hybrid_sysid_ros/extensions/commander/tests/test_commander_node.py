@@ -57,7 +57,7 @@ def interpreting(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "give_way", lambda: None)
 
 
-class Loop:
+class DrivenRig:
     """A loop of a rig in lockstep with a commander, and whoever speaks to it."""
 
     def __init__(self, bench: Bench, **parameters: Any) -> None:
@@ -99,10 +99,10 @@ class Loop:
 
 
 @pytest.fixture
-def loop(bench: Bench) -> Iterator[Loop]:
+def loop(bench: Bench) -> Iterator[DrivenRig]:
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)  # all nodes and the simulation are threads of one Python here
-    made = Loop(bench, armed=True)
+    made = DrivenRig(bench, armed=True)
     yield made
     made.commander.deactivate()
     sys.setswitchinterval(interval)
@@ -112,7 +112,7 @@ def state(reply: DiagnosticStatus) -> str:
     return next(item.value for item in reply.values if item.key == "state")
 
 
-def test_a_sentence_moves_the_rig_to_where_it_says(loop: Loop) -> None:
+def test_a_sentence_moves_the_rig_to_where_it_says(loop: DrivenRig) -> None:
     reply = loop.say("go to 1 V")
     assert (state(reply), reply.level) == ("begins", DiagnosticStatus.OK)
     assert any(item.key.startswith("peak drive") for item in reply.values)
@@ -121,7 +121,7 @@ def test_a_sentence_moves_the_rig_to_where_it_says(loop: Loop) -> None:
     loop.bench.until(lambda: state(loop.replies[-1]) == "done")
 
 
-def test_what_can_t_be_is_refused_and_nothing_is_published(loop: Loop) -> None:
+def test_what_can_t_be_is_refused_and_nothing_is_published(loop: DrivenRig) -> None:
     for text, why in (("hold 3", "of what"), ("hold 300 V", "reach"), ("hold $(reboot) V", "means nothing")):
         reply = loop.say(text)
         assert (state(reply), reply.level) == ("refused", DiagnosticStatus.ERROR)
@@ -129,7 +129,7 @@ def test_what_can_t_be_is_refused_and_nothing_is_published(loop: Loop) -> None:
     assert not loop.set_points
 
 
-def test_the_parameter_tells_the_reason(loop: Loop) -> None:
+def test_the_parameter_tells_the_reason(loop: DrivenRig) -> None:
     refused = loop.set("hold 3")
     assert not refused.successful
     assert "of what" in refused.reason
@@ -137,7 +137,7 @@ def test_the_parameter_tells_the_reason(loop: Loop) -> None:
     loop.bench.until(lambda: loop.set_points)
 
 
-def test_disarmed_a_plan_waits_until_it_is_confirmed(loop: Loop) -> None:
+def test_disarmed_a_plan_waits_until_it_is_confirmed(loop: DrivenRig) -> None:
     assert loop.call("commander/arm", SetBool, data=False).success
     assert not loop.call("commander/confirm").success
     assert state(loop.say("go to 1 V")) == "waits"
@@ -147,7 +147,7 @@ def test_disarmed_a_plan_waits_until_it_is_confirmed(loop: Loop) -> None:
     assert not loop.call("commander/confirm").success
 
 
-def test_a_stop_drops_the_plan_and_disarms(loop: Loop) -> None:
+def test_a_stop_drops_the_plan_and_disarms(loop: DrivenRig) -> None:
     loop.say("swing between -1 and 1 V at 1 Hz for 2 s")
     assert loop.call("commander/stop").success
     loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
@@ -161,7 +161,7 @@ def test_a_stop_drops_the_plan_and_disarms(loop: Loop) -> None:
 
 
 @pytest.mark.parametrize("text", ["stop", "STOP!!", "please stop it now", "oh dear stop"])
-def test_stop_is_understood_while_a_plan_is_checked(loop: Loop, text: str) -> None:
+def test_stop_is_understood_while_a_plan_is_checked(loop: DrivenRig, text: str) -> None:
     loop.text.publish(String(data="swing between -1 and 1 V at 0.5 Hz for 100 s"))
     loop.bench.until(lambda: loop.commander.checking)
     assert state(loop.say(text)) == "stopped"
@@ -170,7 +170,7 @@ def test_stop_is_understood_while_a_plan_is_checked(loop: Loop, text: str) -> No
     assert loop.commander.ready is None
 
 
-def test_an_emergency_stays_until_the_controller_is_reset_and_armed(loop: Loop) -> None:
+def test_an_emergency_stays_until_the_controller_is_reset_and_armed(loop: DrivenRig) -> None:
     loop.say("swing between -1 and 1 V at 1 Hz for 2 s")
     assert "reset and armed" in loop.say("cut the power!").message
     loop.bench.until(lambda: loop.controller.operation.emergency)
@@ -190,13 +190,13 @@ def test_stop_works_while_the_commander_is_not_configured(bench: Bench) -> None:
         commander.obey("hold 1 V")
 
 
-def test_a_sum_that_ends_in_stop_stops_at_its_end(loop: Loop) -> None:
+def test_a_sum_that_ends_in_stop_stops_at_its_end(loop: DrivenRig) -> None:
     loop.say("go to 1 V in 0.5 s then stop")
     loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
     assert loop.commander.monitor.shown_outputs()[0] == pytest.approx(1.0, abs=0.2)
 
 
-def test_repeat_does_the_last_again(loop: Loop) -> None:
+def test_repeat_does_the_last_again(loop: DrivenRig) -> None:
     assert "repeat" in loop.say("repeat").message
     loop.say("go up by 0.5 V in 0.2 s")
     loop.bench.until(lambda: state(loop.replies[-1]) == "done")
@@ -205,7 +205,7 @@ def test_repeat_does_the_last_again(loop: Loop) -> None:
     assert loop.references[-1].points[-1].positions[0] == pytest.approx(VOLT)
 
 
-def test_the_plan_that_is_published_is_the_simulation(loop: Loop) -> None:
+def test_the_plan_that_is_published_is_the_simulation(loop: DrivenRig) -> None:
     planned = loop.bench.listen("planned", JointTrajectory)
     loop.bench.until(loop.commander.planned.get_subscription_count)
     loop.say("go to 2 V in 1 s then wait 1 s")
@@ -215,14 +215,14 @@ def test_the_plan_that_is_published_is_the_simulation(loop: Loop) -> None:
     assert np.abs([point.effort[0] for point in planned[0].points]).max() <= 10.0
 
 
-def test_what_waits_for_standstill_begins_when_nothing_moves_any_more(loop: Loop) -> None:
+def test_what_waits_for_standstill_begins_when_nothing_moves_any_more(loop: DrivenRig) -> None:
     loop.say("go to 1 V in 0.5 s, and once it is still go to 2 V in 0.5 s")
     loop.bench.until(lambda: loop.commander.awaited)
     assert abs(loop.references[-1].points[-1].positions[0] / VOLT - 1.0) < 1e-6
     loop.bench.until(lambda: loop.references[-1].points[-1].positions[0] / VOLT == pytest.approx(2.0))
 
 
-def test_a_stop_may_wait_and_leaves_what_runs_alone_until_then(loop: Loop) -> None:
+def test_a_stop_may_wait_and_leaves_what_runs_alone_until_then(loop: DrivenRig) -> None:
     loop.say("swing between -1 and 1 V at 0.5 Hz for 20 s")
     assert "after 0.5 s" in loop.say("in 0.5 s stop").message
     assert loop.commander.running is not None
@@ -230,7 +230,7 @@ def test_a_stop_may_wait_and_leaves_what_runs_alone_until_then(loop: Loop) -> No
     assert loop.commander.running is None
 
 
-def test_a_condition_that_never_comes_is_told_and_left_out(loop: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_condition_that_never_comes_is_told_and_left_out(loop: DrivenRig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(waiting_commands, "PATIENCE", 0.1)
     loop.say("when it reaches 5 V, go to 2 V")
     loop.bench.until(lambda: state(loop.replies[-1]) == "refused")
@@ -238,7 +238,7 @@ def test_a_condition_that_never_comes_is_told_and_left_out(loop: Loop, monkeypat
     assert loop.commander.awaited is None
 
 
-def test_undo_goes_back_to_where_the_last_command_began(loop: Loop) -> None:
+def test_undo_goes_back_to_where_the_last_command_began(loop: DrivenRig) -> None:
     loop.say("go to 1 V in 0.2 s")
     loop.bench.until(lambda: state(loop.replies[-1]) == "done")
     loop.say("undo that")
@@ -267,7 +267,7 @@ class Caller:
 
 
 def test_a_client_tells_where_the_rig_is_and_what_would_come_of_a_command(
-    loop: Loop, context: Context, monkeypatch: pytest.MonkeyPatch
+    loop: DrivenRig, context: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As the tools for language models ask for it."""
     monkeypatch.setattr(command_client, "LIVE", 60.0)

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
 
-class Reading:
+class TextReading:
     """An interpreter that simulates nothing: its rig's abilities are given."""
 
     def __init__(self, name: str) -> None:
@@ -39,7 +39,7 @@ class Reading:
 
 @pytest.mark.parametrize("name", ["cam_beam", "flexible_joint", "wheel_motor", "winged_cone"])
 def test_no_text_plans_beyond_the_limits(name: str) -> None:
-    reading, random, planned = Reading(name), Random(name), 0
+    reading, random, planned = TextReading(name), Random(name), 0
     for _ in range(400):
         plan = reading.plan(text := texts.text(random, reading.vocabulary))
         if plan is not None:

@@ -32,7 +32,7 @@ GAIN, LAG = 2.0, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lag(System):
+class ValveLag(System):
     """y' = (K u - y) / T."""
 
     states = ("level [m]",)
@@ -47,19 +47,19 @@ class Lag(System):
 
 
 def rig(**changes: Any) -> Rig:
-    return rig_of(Lag(), step=STEP, limit=1.0, sensors={"level": Sensor(unit="m", white_noise=NOISE)}, **changes)
+    return rig_of(ValveLag(), step=STEP, limit=1.0, sensors={"level": Sensor(unit="m", white_noise=NOISE)}, **changes)
 
 
 def model(*, deviation: float = 0.1) -> Model:
     return Model(
-        rig="toy", structure="gray", system=Lag(), sampling=Sampling(step=STEP, period=STEP), names=("gain", "lag"),
-        covariance=np.diag([deviation**2, deviation**2]), training_range={},
+        rig="toy", structure="gray", system=ValveLag(), sampling=Sampling(step=STEP, period=STEP),
+        names=("gain", "lag"), covariance=np.diag([deviation**2, deviation**2]), training_range={},
     )  # fmt: skip
 
 
 def fisher() -> Fisher:
     return Fisher(
-        sensitivities=Sensitivities(Lag(), states=[]), sampling=model().sampling, sizes=np.ones(2),
+        sensitivities=Sensitivities(ValveLag(), states=[]), sampling=model().sampling, sizes=np.ones(2),
         weight=np.array([NOISE**-2]),
     )  # fmt: skip
 
@@ -69,16 +69,16 @@ def test_the_information_of_a_step_is_that_of_its_response() -> None:
     times = np.arange(401) * STEP
     e = np.exp(-times / LAG)
     slopes = np.stack([1.0 - e, -GAIN * times * e / LAG**2])
-    found = fisher().information(Lag(), np.ones((400, 1)))
+    found = fisher().information(ValveLag(), np.ones((400, 1)))
     np.testing.assert_allclose(found, slopes @ slopes.T / NOISE**2, rtol=1e-6)
 
 
 def test_an_offset_of_a_record_takes_what_it_could_explain() -> None:
     """S' R^-1 S with R = s^2 I + h^2 1 1'."""
     inputs, h = np.sin(np.arange(300) * STEP)[:, None], 0.02
-    slopes = fisher().tangents(Lag(), inputs)[:, 0]
+    slopes = fisher().tangents(ValveLag(), inputs)[:, 0]
     noise = NOISE**2 * np.eye(len(slopes)) + h**2
-    found = replace(fisher(), offsets=np.array([h])).information(Lag(), inputs)
+    found = replace(fisher(), offsets=np.array([h])).information(ValveLag(), inputs)
     np.testing.assert_allclose(found, slopes.T @ np.linalg.solve(noise, slopes), rtol=1e-8)
 
 
@@ -86,7 +86,7 @@ def test_a_lag_is_told_best_by_a_sine_at_its_corner() -> None:
     """|dG/dT| = K w / (1 + w^2 T^2) is largest at w = 1 / T: Goodwin & Payne (1977), chapter 6."""
     times = np.arange(4000) * STEP
     speeds = np.array([0.25, 0.5, 0.8, 1.0, 1.25, 2.0, 4.0]) / LAG
-    found = [fisher().information(Lag(), np.sin(speed * times)[:, None])[1, 1] for speed in speeds]
+    found = [fisher().information(ValveLag(), np.sin(speed * times)[:, None])[1, 1] for speed in speeds]
     assert speeds[int(np.argmax(found))] == 1.0 / LAG
 
 
@@ -127,7 +127,7 @@ def test_a_designed_experiment_tells_more_than_steps_and_sines_and_stays_within_
     known, bench = Knowledge.of(model()), found.bench
     for other in (0.5 * np.sin(2 * np.pi * times), 0.55 * np.sign(np.sin(np.pi * times + 0.01))):
         assert bench.feasible(other[:, None]) == 1.0
-        more = fisher().information(Lag(), other[:, None]) * np.outer(known.sizes, known.sizes)
+        more = fisher().information(ValveLag(), other[:, None]) * np.outer(known.sizes, known.sizes)
         assert after < float(np.max(known.deviations(more) / known.sizes))
     save_plan(tmp_path / "plan", found)
     played = excitation(tight, str(tmp_path / "plan" / SIGNALS), seed=0, duration=8.0, times=times)
@@ -140,11 +140,11 @@ def test_a_loop_s_inputs_are_those_that_it_would_give() -> None:
         experiments=Experiments(loops={0: ExperimentLoop(output=0, gain=0.5)}), travel=np.array([[-9.0], [9.0]])
     )
     bench = Bench(model=model(), rig=driven, seconds=8.0, period=STEP, amplitude=1.0)
-    inputs, outputs = bench.run(Lag(), np.full((800, 1), 1.0))
+    inputs, outputs = bench.run(ValveLag(), np.full((800, 1), 1.0))
     assert outputs[-1, 0] == pytest.approx(GAIN * 0.5 / (1.0 + GAIN * 0.5), rel=1e-3)
     assert inputs[0, 0] == pytest.approx(0.5)
     assert inputs[-1, 0] == pytest.approx(outputs[-1, 0] / GAIN, rel=1e-3)
-    saturated, _ = bench.run(Lag(), np.full((800, 1), 9.0))
+    saturated, _ = bench.run(ValveLag(), np.full((800, 1), 9.0))
     assert saturated.max() == 1.0
 
 
@@ -164,7 +164,7 @@ def test_an_experiment_goes_where_records_have_not_been() -> None:
     """Of a record whose valve was never closed half, the cells of (level, valve) with u < 0 are new."""
     times = np.arange(801, dtype=np.float64) * STEP
     given = 0.5 + 0.5 * np.sin(times)
-    states = simulate(Lag(), np.zeros(1), given[1:, None], step=STEP)
+    states = simulate(ValveLag(), np.zeros(1), given[1:, None], step=STEP)
     record = Record(name="open", time=times, input=given[:, None], output=states)
     walled = rig(travel=np.array([[-2.5], [2.5]]))
     found = designed(model(), walled, seconds=8.0, period=STEP, amplitude=1.0, records=[record])

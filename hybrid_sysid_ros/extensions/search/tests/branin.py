@@ -40,7 +40,7 @@ def branin(options: Options) -> Answer:
 
 
 @dataclass(frozen=True)
-class Watched:
+class SlowBranin:
     """Branin's function that leaves a file for each call: what it was called with, and by which process. The call with
     the name of `slow` waits until a file `go` is there.
     """
@@ -82,14 +82,14 @@ def mistaken(options: Options) -> Answer:
 
 
 class OfBranin(Objective):
-    """Branin's function in the place of what the command maximises; FOLDER and SLOW are its files, see Watched."""
+    """Branin's function in the place of what the command maximises; FOLDER and SLOW are its files, see SlowBranin."""
 
     space = SPACE
 
     def __post_init__(self) -> None: ...
 
     def __call__(self, options: Options) -> Answer:  # type: ignore[override]
-        return Watched(Path(os.environ["FOLDER"]), os.environ.get("SLOW", ""))(options)
+        return SlowBranin(Path(os.environ["FOLDER"]), os.environ.get("SLOW", ""))(options)
 
 
 def here(objective) -> parallel.Here[Any, Any]:

@@ -14,7 +14,7 @@ import pytest
 from hybrid_sysid_ros.extensions.search.search import Evaluate, search, trial_name
 from hybrid_sysid_ros.extensions.search.tests.branin import (
     Deadly,
-    Watched,
+    SlowBranin,
     branin,
     mistaken,
     processes,
@@ -38,7 +38,7 @@ def cluster(objective, address: str, **more) -> Cluster[Any, Any]:
 
 
 def test_processes_work_at_the_same_time(place: str, tmp_path: Path, lines: list[str]) -> None:
-    objective = Watched(tmp_path, slow="any")
+    objective = SlowBranin(tmp_path, slow="any")
 
     def release() -> None:
         wait_for(lambda: len(list(tmp_path.glob("call*"))) == 2)  # both are in a trial
@@ -69,7 +69,7 @@ def kill_the_first(folder: Path) -> threading.Thread:
 @pytest.mark.slow
 def test_a_killed_process_loses_no_trial(place: str, tmp_path: Path, lines: list[str]) -> None:
     killer = kill_the_first(tmp_path)
-    with study_of(place) as study, processes(Watched(tmp_path, slow="0"), lines.append, jobs=2) as workers:
+    with study_of(place) as study, processes(SlowBranin(tmp_path, slow="0"), lines.append, jobs=2) as workers:
         search(study, workers, trials=8)
         assert [trial.number for trial in study.finished] == list(range(8))
         assert all(branin(trial.options).value == trial.outcome.score for trial in study.finished)
@@ -120,7 +120,10 @@ def test_a_number_of_processes_that_is_none_is_refused(jobs: int) -> None:
 def test_a_killed_worker_of_a_cluster_loses_no_trial(place: str, tmp_path: Path, lines: list[str]) -> None:
     pytest.importorskip("distributed", reason="needs hybrid_sysid_ros[search]")
     killer = kill_the_first(tmp_path)
-    with study_of(place) as study, cluster(Watched(tmp_path, slow="0"), "local", tell=lines.append, jobs=2) as workers:
+    with (
+        study_of(place) as study,
+        cluster(SlowBranin(tmp_path, slow="0"), "local", tell=lines.append, jobs=2) as workers,
+    ):
         assert workers.size == 2
         search(study, workers, trials=8)
         assert [trial.number for trial in study.finished] == list(range(8))

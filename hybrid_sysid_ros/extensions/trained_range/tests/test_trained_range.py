@@ -34,7 +34,7 @@ SAMPLING = Sampling(step=0.05, period=0.05)
 ROOT = Path(__file__).parents[4]
 
 
-class Cart(System):
+class DampedCart(System):
     """x'' = u - x'."""
 
     states = ("place [m]", "speed [m/s]")
@@ -106,7 +106,7 @@ def test_what_an_input_never_was_is_named_with_its_end():
 def test_a_place_that_moves_nothing_is_as_good_as_another():
     """Where the law does not read its position, a cart that wandered off is still the same cart."""
     y, u = wandering(1)
-    cart, held = (TrainedRange.of(system, [experiment(y, u)]) for system in (Cart(), Linear()))
+    cart, held = (TrainedRange.of(system, [experiment(y, u)]) for system in (DampedCart(), Linear()))
     assert outside(cart, (y + 1e3, u)) < 0.01
     assert outside(held, (y + 1e3, u)) == 1.0
     joint = load_rig("flexible_joint").system  # the spring reads the difference of its two angles only
@@ -115,7 +115,7 @@ def test_a_place_that_moves_nothing_is_as_good_as_another():
 
 def test_a_trained_range_is_kept_in_a_model_and_read_again():
     found = trained_on(wandering(1))
-    again = TrainedRange.from_content(json.loads(json.dumps(found.content)), Cart())
+    again = TrainedRange.from_content(json.loads(json.dumps(found.content)), DampedCart())
     y, u = (np.reshape(values, (-1, 1)) for values in wandering(3))
     np.testing.assert_allclose(found.distance(y, u), again.distance(y, u))
 
@@ -131,7 +131,7 @@ def test_a_trained_range_is_kept_in_a_model_and_read_again():
 def test_a_trained_range_that_is_damaged_is_refused_in_a_line(damage):
     content = trained_on(wandering(1)).content | damage
     with pytest.raises(UserError, match=r"fit.trained_range of the model is malformed .*; fit again"):
-        TrainedRange.from_content(content, Cart())
+        TrainedRange.from_content(content, DampedCart())
 
 
 def test_evaluate_says_before_all_else_whether_a_model_was_trained_for_a_record(command, linear_model):

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pendulum(System):
+class DryPendulum(System):
     """q'' = u - 9 sin q - .6 q' - F sgn q'."""
 
     states = ("angle [rad]", "rate [rad/s]")
@@ -29,7 +29,7 @@ class Pendulum(System):
 
 
 def test_a_pendulum_hangs_where_its_torque_holds_it():
-    found = equilibrium(Pendulum(), {"torque": 4.5})
+    found = equilibrium(DryPendulum(), {"torque": 4.5})
     np.testing.assert_allclose([*found.states, *found.inputs], [np.pi / 6.0, 0.0, 4.5], atol=1e-9)
     (mode,) = found.modes
     stiffness = 9.0 * np.cos(np.pi / 6.0)
@@ -41,13 +41,13 @@ def test_a_pendulum_hangs_where_its_torque_holds_it():
 
 
 def test_what_is_given_is_held_and_the_rest_is_found():
-    found = equilibrium(Pendulum(), {"angle": 0.4})
+    found = equilibrium(DryPendulum(), {"angle": 0.4})
     assert found.inputs[0] == pytest.approx(9.0 * np.sin(0.4))
-    assert equilibrium(Pendulum(), {"angle": np.pi}).inputs[0] == pytest.approx(0.0, abs=1e-12)
+    assert equilibrium(DryPendulum(), {"angle": np.pi}).inputs[0] == pytest.approx(0.0, abs=1e-12)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cart(System):
+class RubbingCart(System):
     """v' = u - .6 v - F sgn v."""
 
     states = ("speed [m/s]",)
@@ -62,12 +62,12 @@ class Cart(System):
 
 
 def test_what_viscous_friction_takes_is_pushed_and_dry_one_is_left_out():
-    assert equilibrium(Cart(), {"speed": 5.0}).inputs[0] == pytest.approx(3.0)
-    assert equilibrium(Cart(), {"push": 3.0}).states[0] == pytest.approx(5.0)
+    assert equilibrium(RubbingCart(), {"speed": 5.0}).inputs[0] == pytest.approx(3.0)
+    assert equilibrium(RubbingCart(), {"push": 3.0}).states[0] == pytest.approx(5.0)
 
 
 def test_upside_down_one_mode_grows():
-    modes = equilibrium(Pendulum(damping=0.0), {"angle": np.pi}).modes
+    modes = equilibrium(DryPendulum(damping=0.0), {"angle": np.pi}).modes
     assert [mode.pole.real for mode in modes] == pytest.approx([3.0, -3.0]) or [
         mode.pole.real for mode in modes
     ] == pytest.approx([-3.0, 3.0])
@@ -96,7 +96,7 @@ def test_shares_say_which_state_a_mode_moves_whatever_its_unit():
 def test_of_equilibria_the_one_nearest_to_zero_is_found():
     """A state that integrates and that nothing depends on stays at zero."""
     assert equilibrium(Pair(), {"push": 0.3}).states[2] == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(equilibrium(Pendulum()).states, 0.0, atol=1e-12)
+    np.testing.assert_allclose(equilibrium(DryPendulum()).states, 0.0, atol=1e-12)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,11 +115,11 @@ def test_without_an_equilibrium_that_is_told_with_the_cure():
     with pytest.raises(UserError, match=r"no equilibrium at push 2, or none .*: speed still .* hold other values"):
         equilibrium(Falling(), {"push": 2.0})
     with pytest.raises(UserError, match="'weight' is no state or input; known are angle, rate, torque"):
-        equilibrium(Pendulum(), {"weight": 1.0})
+        equilibrium(DryPendulum(), {"weight": 1.0})
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lag(Recurrence):
+class SampledLag(Recurrence):
     """x(k + 1) = .5 x + u, every .1 s."""
 
     states = ("level [1]",)
@@ -131,7 +131,7 @@ class Lag(Recurrence):
 
 
 def test_a_map_rests_where_it_gives_itself_and_its_poles_are_those_of_time():
-    found = equilibrium(Lag(), {"push": 1.0})
+    found = equilibrium(SampledLag(), {"push": 1.0})
     assert found.states[0] == pytest.approx(2.0)
     (mode,) = found.modes
     assert mode.pole.real == pytest.approx(np.log(0.5) / 0.1)

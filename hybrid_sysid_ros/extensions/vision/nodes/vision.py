@@ -15,7 +15,7 @@ from sensor_msgs.msg import CompressedImage
 
 from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader, Reading
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader, AngleReading
 from hybrid_sysid_ros.extensions.vision.reading.footage import FROZEN
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.nodes.base import ModelSource, RigNode
@@ -105,7 +105,7 @@ class VisionNode(RigNode):
         self.entry.select_source(message.header.frame_id)
         self.reading.add(perf_counter() - began)
 
-    def look(self, picture: Picture) -> Reading:
+    def look(self, picture: Picture) -> AngleReading:
         """Read a picture, and see whether the camera was moved. Raises UserError for one of another size."""
         reading = self.reader.read(picture)
         if self.frames % APART == 1 and self.reader.lit:

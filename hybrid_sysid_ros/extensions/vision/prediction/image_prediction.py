@@ -53,7 +53,7 @@ class PictureModel:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Watched:
+class SeenMotion:
     """What a camera saw of a record: (frames,) each."""
 
     times: Array
@@ -101,7 +101,7 @@ class Judged:
 
 
 def looks(
-    model: PictureModel, rig: Rig, record: Record, watched: Watched, *, noise: float, ahead: Sequence[float] = AHEAD,
+    model: PictureModel, rig: Rig, record: Record, watched: SeenMotion, *, noise: float, ahead: Sequence[float] = AHEAD,
     drifts: Sequence[float] = DRIFTS, seed: int = 0,
 ) -> Iterator[PredictedFrame]:  # fmt: skip
     """Frames that a model predicts ``ahead`` [s] from what the camera had shown before, and the inputs on the way.
@@ -159,7 +159,7 @@ def looks(
 
 
 def judged(
-    found: PredictedFrame, film: Mapping[int, Picture], mean: Picture, reader: AngleReader, watched: Watched
+    found: PredictedFrame, film: Mapping[int, Picture], mean: Picture, reader: AngleReader, watched: SeenMotion
 ) -> Judged:
     """A predicted frame beside what came. film: its pictures by number; mean: of them; reader: of the film's layers."""
     came, band = film[found.frame], reader.swept
@@ -177,7 +177,7 @@ def judged(
 
 
 def foreseen(
-    view: FilmView, model: PictureModel, rig: Rig, record: Record, watched: Watched, reader: AngleReader
+    view: FilmView, model: PictureModel, rig: Rig, record: Record, watched: SeenMotion, reader: AngleReader
 ) -> list[Judged]:
     """Frames of a film that a model predicts, beside what came; the mean picture is that of the whole film. Raises
     UserError where the film can't be read, or is too short to predict anything.
@@ -207,7 +207,7 @@ def of_video(
     if time is None:
         raise UserError(f"{video}: without a bag there are no inputs to predict by: give the bag, too")
     positions = np.where(film.filled, np.nan, film.positions)
-    watched = Watched(times=time.time(film.footage.times), seen=time.time(film.footage.seen), positions=positions)
+    watched = SeenMotion(times=time.time(film.footage.times), seen=time.time(film.footage.seen), positions=positions)
     known = calibrated(layers, film)
     drawn = PictureModel(model=model, renderer=LayerRenderer(known, exposure=exposure))
     record = bags.read(bag, rig.signals, period=model.sampling.step)

@@ -30,7 +30,7 @@ DARK = 8.0  # counts: a background below it tells nothing of the light
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class AngleReading:
     """What a picture says."""
 
     angle: float
@@ -85,7 +85,7 @@ class AngleReader:
         self._few = np.ascontiguousarray(self.points[::stride])
         self._gains, self._out = np.ones(layers.background.shape[0]), np.empty(5)
 
-    def read(self, picture: NDArray[np.uint8]) -> Reading:
+    def read(self, picture: NDArray[np.uint8]) -> AngleReading:
         """The angle of a picture (rows, columns).
 
         Raises UserError for a picture of another size than the layers'.
@@ -103,7 +103,7 @@ class AngleReader:
         )  # fmt: skip
         return self._reading(self._gains)
 
-    def read_near(self, picture: NDArray[np.uint8], angle: float, gains: Array) -> Reading:
+    def read_near(self, picture: NDArray[np.uint8], angle: float, gains: Array) -> AngleReading:
         """The same without a scan, from a near angle on, under gains (rows,) of the light."""
         align_from(picture, *self._planes, gains, self.points, angle, self._reach, self._out)
         return self._reading(gains)
@@ -152,11 +152,11 @@ class AngleReader:
         first, last = self._rows
         return bool(np.median(gains[first:last]) >= LIT)
 
-    def _reading(self, gains: Array) -> Reading:
+    def _reading(self, gains: Array) -> AngleReading:
         angle, variance, difference, row, explained = self._out.tolist()
         if not (explained >= EXPLAINED and variance >= 0.0 and self._lit(gains)):
             angle, variance, row = math.nan, math.inf, math.nan
-        return Reading(
+        return AngleReading(
             angle=angle, deviation=math.sqrt(variance), row=row, difference=difference, explained=max(explained, 0.0)
         )
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.film import format_of
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, FreeReading, Reading
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, AngleReading, FreeReading
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
@@ -55,7 +55,7 @@ class Footage:
     """Brightness of the lamp [counts]; NaN without one, and where there is no light in the picture."""
     frozen: NDArray[np.bool_]
     """Pictures that were the same as those before, but for black ones; their angles are not used."""
-    shown: tuple[tuple[float, Picture, Reading], ...]
+    shown: tuple[tuple[float, Picture, AngleReading], ...]
     """Some of them, with their times and what was read."""
     stated_rate: float
     """What the film's head says [Hz]."""
@@ -122,8 +122,8 @@ def followed(
     Raises UserError where the film can't be read, has another size, shows something else than the layers, or shakes
     in a way that can't be taken out.
     """
-    rows, times, lamps, free = list[Reading](), list[float](), list[float](), list[FreeReading]()
-    same, shown, sceneries = list[bool](), list[tuple[float, Picture, Reading]](), list[Array]()
+    rows, times, lamps, free = list[AngleReading](), list[float](), list[float](), list[FreeReading]()
+    same, shown, sceneries = list[bool](), list[tuple[float, Picture, AngleReading]](), list[Array]()
     before, every = None, 1
     for time, picture in view.pictures():
         reading, plain = reader.read(picture), int(np.ptp(picture[::8, ::8])) < PLAIN

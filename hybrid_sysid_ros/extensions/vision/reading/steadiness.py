@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from hybrid_sysid_ros.extensions.vision.reading.angle_reader import FreeReading, Reading
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReading, FreeReading
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.support.arrays import Array
@@ -36,7 +36,7 @@ class SteadyAngles:
 
 
 def steady_angles(
-    times: Array, rows: Sequence[Reading], free: Sequence[FreeReading], motion: CameraMotion | None,
+    times: Array, rows: Sequence[AngleReading], free: Sequence[FreeReading], motion: CameraMotion | None,
     layers: PictureLayers,
 ) -> SteadyAngles:  # fmt: skip
     """The angles of pictures at times (pictures,) [s] out of which a camera's motion was taken.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import Judged
-from hybrid_sysid_ros.extensions.vision.reading.angle_reader import Reading
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReading
 from hybrid_sysid_ros.extensions.vision.reading.film_check import FilmCheck
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import MotionSource
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
@@ -70,7 +70,7 @@ def checked(check: FilmCheck) -> str:
     return png(colours)
 
 
-def overlaid(picture: Picture, reading: Reading, layers: PictureLayers) -> str:
+def overlaid(picture: Picture, reading: AngleReading, layers: PictureLayers) -> str:
     """A picture with the outline of the sprite where it was found, as a PNG for a page."""
     return _outlined(picture, layers, [reading.angle] if reading.found else [])
 
@@ -99,7 +99,7 @@ def _outlined(picture: Picture, layers: PictureLayers, angles: Sequence[float]) 
     return png(colours)
 
 
-def left(picture: Picture, reading: Reading, layers: PictureLayers) -> str:
+def left(picture: Picture, reading: AngleReading, layers: PictureLayers) -> str:
     """What the layers do not explain of a picture, STRETCHED about grey, as a PNG for a page."""
     angle = reading.angle if reading.found else layers.geometry.low
     drawn = layers.drawn(angle)

@@ -20,8 +20,8 @@ from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import (
     Judged,
     PictureModel,
     PredictedFrame,
+    SeenMotion,
     Summary,
-    Watched,
     judged,
     looks,
     of_video,
@@ -57,7 +57,7 @@ def rows(model_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> list[J
     layers = painted_layers(RIG, CAMERA)
     reader = AngleReader(layers)
     readings = [reader.read(picture) for picture in film]
-    watched = Watched(
+    watched = SeenMotion(
         times=times,
         seen=times + np.array([layers.row_time(reading.row) for reading in readings]),
         positions=np.array([layers.position(reading.angle) for reading in readings]),
@@ -94,18 +94,18 @@ class Unpainted(Renderer):
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Record, Watched]:
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Record, SeenMotion]:
     """30 s of the beam under random steps, and where it was, as often as a camera shows it."""
     bag = tmp_path_factory.mktemp("steps") / "bag"
     motion = experiment(RIG, "random_steps", bag, seed=4, duration=30.0, rate=200.0)
     times = np.arange(int(29.9 * CAMERA.rate)) / CAMERA.rate
-    return bags.read(bag, RIG.signals), Watched(
+    return bags.read(bag, RIG.signals), SeenMotion(
         times=times, seen=times, positions=np.interp(times, motion.times, motion.angles)
     )
 
 
 def foretold(
-    model_folder: Path, record: Record, watched: Watched, drifts: Sequence[float] = DRIFTS
+    model_folder: Path, record: Record, watched: SeenMotion, drifts: Sequence[float] = DRIFTS
 ) -> list[PredictedFrame]:
     """2 s ahead, once predictions have come true."""
     model = PictureModel(model=load_model(model_folder), renderer=Unpainted())
@@ -113,18 +113,18 @@ def foretold(
     return list(looks(model, RIG, record, watched, noise=noise, ahead=(2.0,), drifts=drifts))[4:]
 
 
-def rms(found: Sequence[PredictedFrame], watched: Watched) -> float:
+def rms(found: Sequence[PredictedFrame], watched: SeenMotion) -> float:
     return math.degrees(np.sqrt(np.mean([(look.position - watched.positions[look.frame]) ** 2 for look in found])))
 
 
-def inside(found: Sequence[PredictedFrame], watched: Watched) -> float:
+def inside(found: Sequence[PredictedFrame], watched: SeenMotion) -> float:
     """Share within two deviations: .954 of a normal one."""
     return float(
         np.mean([abs(look.position - watched.positions[look.frame]) <= 2.0 * look.deviation for look in found])
     )
 
 
-def test_an_input_without_an_offset_is_predicted_as_one(model_folder: Path, shown: tuple[Record, Watched]) -> None:
+def test_an_input_without_an_offset_is_predicted_as_one(model_folder: Path, shown: tuple[Record, SeenMotion]) -> None:
     record, watched = shown
     chosen, alone = foretold(model_folder, record, watched), foretold(model_folder, record, watched, (1.0,))
     assert {look.drift for look in chosen} <= {0.0, 0.1}
@@ -132,7 +132,7 @@ def test_an_input_without_an_offset_is_predicted_as_one(model_folder: Path, show
 
 
 @pytest.mark.parametrize("turns", [False, True])
-def test_an_input_with_an_offset_is_followed(model_folder: Path, shown: tuple[Record, Watched], turns: bool) -> None:
+def test_an_input_with_an_offset_is_followed(model_folder: Path, shown: tuple[Record, SeenMotion], turns: bool) -> None:
     record, watched = shown
     offset = 0.3 * np.sign(record.time - 15.0) if turns else np.full(record.samples, 0.3)  # V
     record = replace(record, input=record.input - offset[:, None])
