@@ -84,8 +84,12 @@ def identify(
         )
     if refine and found.is_gray_box:
         context, fitted = _refined(context, fitted)
-        holds = context.sampling
-    spread = len(fitted.block_spread) == len(fitted.names) > 0
+    return _model(records, parts, structure, context, fitted)
+
+
+def _model(records: Sequence[Record], parts: Sequence[Part], structure: str, context: Context, fitted: Fit) -> Model:
+    """The model of a fit, with what is known of its training."""
+    rig, spread = context.rig, len(fitted.block_spread) == len(fitted.names) > 0
     known_together = groups(fitted)
     experiments, shown = context.experiments(fitted.system), context.experiments(rig.system)
     ranges = _ranges(rig, shown)
@@ -95,7 +99,7 @@ def identify(
         place="" if rig.source == rig.name else rig.source,
         structure=structure,
         system=fitted.system,
-        sampling=holds,
+        sampling=context.sampling,
         names=fitted.names,
         covariance=fitted.covariance,
         training_range=ranges,
@@ -105,11 +109,11 @@ def identify(
         ),
         scores={item.name: scores_of(fitted.system, item, rig).content for item in experiments},
         fit={
-            "options": chosen,
+            "options": dict(context.options),
             "relative_error": fitted.relative_error,
             "seconds": round(fitted.seconds, 3),
             "evaluations": fitted.evaluations,
-            "seed": seed,
+            "seed": context.seed,
             **({"block_spread": dict(zip(fitted.names, fitted.block_spread.tolist(), strict=True))} if spread else {}),
             **({"bands": bands} if bands else {}),
             **_notes(fitted.system, experiments),

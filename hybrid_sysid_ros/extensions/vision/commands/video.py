@@ -30,6 +30,7 @@ from hybrid_sysid_ros.extensions.vision.reading.turning_point import with_turnin
 from hybrid_sysid_ros.extensions.vision.report.check_page import write_check
 from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import has_scene, scene_of, with_pivot, with_scene
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -98,13 +99,8 @@ def command(
         with _named_in_errors(scene_file or described.file):
             square = squaring(marks, scene_of(described).rectangle)
         view, described = FilmView(path=video, square=square), _seen_squarely(described, square, video)
-    dynamics = load_model(model, rig=rig) if model is not None else None
-    if model is not None:
-        if bag is None:
-            raise UserError("--model predicts by the inputs of a bag: name it, too (--bag)")
-        if dynamics is not None and dynamics.rig != described.name:
-            raise UserError(f"{model}: is a model of {dynamics.rig}, not of {described.name}")
-        layers = layers or model / KIND
+    dynamics = None if model is None else _dynamics(model, bag, described, rig)
+    layers = layers or (None if model is None else model / KIND)
     scene = scene_of(described)
     check_folder(out, marker=bags.markers(out), replace=overwrite)
     if bag is not None:
@@ -128,13 +124,30 @@ def command(
     _print(record, ahead)
     console.print(f"{out}: {len(written.stamps)} positions of {scene.joint}")
     if bag is not None:
-        signals = out.with_name(f"{out.name}.signals.yaml")
-        video_record.write_signals(signals, described, scene.joint)
-        console.print(f"{signals}: for hybrid-sysid identify {out} --signals {signals}")
+        _write_signals(out, described, scene.joint)
     if page is not None:
         provenance = _provenance({"film": video} | ({"bag": bag} if bag is not None else {}))
         write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
+
+
+def _dynamics(model: Path, bag: Path | None, rig: Rig, name: str) -> Model:
+    """The model by which pictures are predicted; name: of its rig, as it was given. Raises UserError without a bag, and
+    for a model of another rig.
+    """
+    if bag is None:
+        raise UserError("--model predicts by the inputs of a bag: name it, too (--bag)")
+    found = load_model(model, rig=name)
+    if found.rig != rig.name:
+        raise UserError(f"{model}: is a model of {found.rig}, not of {rig.name}")
+    return found
+
+
+def _write_signals(out: Path, rig: Rig, joint: str) -> None:
+    """Write the file by which the bag of a film is identified from, and name it."""
+    signals = out.with_name(f"{out.name}.signals.yaml")
+    video_record.write_signals(signals, rig, joint)
+    console.print(f"{signals}: for hybrid-sysid identify {out} --signals {signals}")
 
 
 def _read(
