@@ -2,7 +2,6 @@
 
 import builtins
 import dataclasses
-import html.parser
 import math
 import sys
 
@@ -10,120 +9,19 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, Scores, evaluate
 from hybrid_sysid_ros.identification.validation.residual_tests import independence, whiteness
-from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.report.figures import horizons, residual_tests
 from hybrid_sysid_ros.report.rendering import seconds, significant
 from hybrid_sysid_ros.report.residual_patterns import patterns
 from hybrid_sysid_ros.report.sections import TESTS
 from hybrid_sysid_ros.report.verdict import verdict
-from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.excitation import Excitation, multisine
-from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.support.errors import UserError
-from studies.beam_lecture.page import write_protocol
-from studies.beam_lecture.report import StructureResult, protocol_section
+from tests.report_bench import RIG, Page, loop_of, model_of, record
 
 pytest.importorskip("plotly")
 pytest.importorskip("jinja2")
-
-RIG = rigs.load("cam_beam")
-RATE, PERIOD = 200, 0.005
-VOID = {"meta", "link", "br", "hr", "img", "input", "source"}
-
-
-class Page(html.parser.HTMLParser):
-    """Tags of a page: whether all are closed, which addresses they name, what its text is."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open: list[str] = []
-        self.addresses: list[str] = []
-        self.words: list[str] = []
-        self.tags: list[str] = []
-        self.ids: list[str] = []
-        self.feed(text)
-        self.close()
-        self.text = " ".join(" ".join(self.words).split())
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append(tag)
-        found = dict(attributes)
-        self.addresses += [found[key] for key in ("src", "href", "data", "action") if key in found]
-        self.ids += [found["id"]] if "id" in found else []
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] not in ("script", "style"):
-            self.words.append(data)
-
-
-def record(name, seed, duration=12.0):
-    """A simulated experiment of the beam with a little noise. The law makes its drive of its reference."""
-    time = PERIOD * np.arange(round(duration * RATE) + 1)
-    drive = 1.0 + multisine(seed, amplitude=4.0, low=0.1, high=2.0, lines=20, period=duration)(time)[:, None]
-    states = simulate(RIG.system, np.zeros(2), drive[:-1], step=PERIOD)
-    noise = 5e-4 * np.random.default_rng(seed).normal(size=len(time))
-    return Record(
-        name=name,
-        time=time,
-        input=drive,
-        output=states[:, :1] + noise[:, None],
-        channels={
-            "reference": states[:, 0] + RIG.display[0].si(drive[:, 0] / RIG.experiments.loops[0].gain),
-            "filtered": states[:, 0],
-        },
-        digest=f"{seed:064x}",
-    )
-
-
-def model_of(training, correlation=0.99):
-    """The rig's own equation as a model; two of its parameters are correlated."""
-    names = tuple(item.name for item in RIG.system.parameters if not item.fixed)
-    covariance = np.diag(np.full(len(names), 0.01**2))
-    covariance[0, 3] = covariance[3, 0] = correlation * 0.01**2
-    return Model(
-        rig="cam_beam",
-        structure="gray",
-        system=RIG.system,
-        sampling=Sampling(step=PERIOD, period=0.05),
-        names=names,
-        covariance=covariance,
-        training_range={},
-        records=({"name": training.name, "source": "", "sha256": training.digest, "part": [0.0, 0.5]},),
-        fit={"seconds": 1.25},
-        seal="5ea1" * 16,
-    )
-
-
-def loop_of(duration=51.0, delay=0.0015):
-    """A loop that follows the hardware reference 0.1 V below, with one command too late."""
-    time = PERIOD * np.arange(-10, round(duration * RATE))
-    reference = RIG.display[0].si(np.where(time < 0, np.nan, RIG.schedule().of(0)(time)))
-    delays = np.full(len(time), delay)
-    delays[500] = 0.0063
-    return LoopRecord(
-        name="run",
-        rig=RIG,
-        stamps=(1e9 * (time + 10)).astype(np.int64),
-        time=time,
-        outputs=np.nan_to_num(reference)[:, None] - RIG.display[0].si(np.float64(0.1)),
-        reference=reference[:, None],
-        inputs=np.clip(3 * np.sin(time), -10, 10)[:, None],
-        command=np.clip(3 * np.sin(time), -10, 10)[:, None],
-        delay=delays,
-        turnaround=delays,
-        late=delays > PERIOD,
-        source="run",
-        digest="ab" * 32,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -394,102 +292,6 @@ def test_the_zoom_shows_the_largest_step():
     zoom = report.closed_loop_section(loop_of()).zooms["steps"]
     levels = RIG.schedule().of(0)(np.arange(29) + 0.5)
     assert zoom.start < 1 + np.argmax(np.abs(np.diff(levels))) < zoom.stop
-
-
-def structure(name, *r2, **more):
-    """A structure of some seeds on two records."""
-    seeds = [{"<first> & only": first, "second": second} for first, second in r2]
-    return StructureResult(name=name, r2=seeds, seconds=2.5, **more)
-
-
-PUBLISHED = {"<first> & only": 0.95, "second": 0.5}
-
-
-@pytest.fixture(scope="module")
-def protocol(model, first):
-    runs = [(first, Part(start=0.5)), (record("second", 2), Part())]
-    weak = dataclasses.replace(model, system=dataclasses.replace(model.system, gain=3.0))
-    return protocol_section(
-        "two records",
-        [
-            structure("lost", (-np.inf, -123.0)),
-            structure("weak", (0.5, 0.6), published=PUBLISHED, model=weak, runs=runs),
-            structure(
-                "<hybrid>", (0.9, 0.8), (0.94, 0.7), published=PUBLISHED, model=model, runs=runs, chosen=True,
-                cross_validation=0.913,
-            ),
-        ],
-        about="halves & wholes",
-        training=[(first, Part(stop=0.5))],
-    )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def protocol_text(protocol, model, tmp_path_factory):
-    path = tmp_path_factory.mktemp("protocol") / "protocol.html"
-    assert write_protocol(path, protocol, report.provenance(model, "make protocol")) == path
-    return path.read_text(encoding="utf-8")
-
-
-def test_the_page_of_a_protocol_is_whole_and_needs_no_network(protocol_text):
-    page = Page(protocol_text)
-    assert page.open == []
-    assert len(page.ids) == len(set(page.ids))
-    assert all(address.startswith("#") and address[1:] in page.ids for address in page.addresses)
-    assert "link" not in page.tags
-
-
-def test_ours_stand_beside_the_published_with_their_range(protocol_text):
-    rows = protocol_text[protocol_text.index('<table class="scores">') :].split("<tr")[1:]
-    cells = [Page(f"<tr{row.partition('</tr>')[0]}</tr>").text for row in rows[:7]]
-    assert cells[1].startswith("lost diverges \N{MINUS SIGN}123 ")
-    assert cells[2].startswith("weak 0.500 0.600 0.550")
-    assert cells[4] == "<hybrid> 2 seeds 0.920 0.900 … 0.940 0.750 0.700 … 0.800 0.835 0.913 2.5 s"
-    assert cells[5].startswith("published 0.950 0.500 0.725")
-    assert ["chosen" in row.partition(">")[0] for row in rows[1:6]] == [False, False, False, True, True]
-    assert rows[4].count('class="better"') == 1  # .75 is above .5, .92 is not above .95
-
-
-def test_the_pick_comes_first_and_in_full(protocol, protocol_text):
-    assert list(protocol.details) == ["<hybrid>", "weak"]
-    page = Page(protocol_text)
-    for number in (0, 1):
-        figures = {f"free-run-{run}" for run in (0, 1)} | {"residual-tests", "horizon-curves"}
-        assert {f"figure-structure-{number}-{name}" for name in figures} <= set(page.ids)
-    assert page.tags.count("details") == 1
-    assert {"figure-scores-of-structures", "figure-horizons-of-structures"} <= set(page.ids)
-
-
-def test_criteria_are_those_of_the_training_data(protocol, model, first):
-    assert list(protocol.judgements) == ["weak", "<hybrid>"]
-    for name, used in (("weak", protocol.results[1].model), ("<hybrid>", model)):
-        found = protocol.judgements[name].plain
-        assert np.sqrt(found.mean_square) == pytest.approx(evaluate(used, first, part=Part(stop=0.5)).rmse)
-        assert found.parameters == len(model.names)
-
-
-def test_a_protocol_without_models_shows_its_table(model, tmp_path):
-    section = protocol_section("bare", [structure("only", (0.5, 0.6))])
-    path = write_protocol(tmp_path / "protocol.html", section, report.provenance(model, "x"))
-    assert "only 0.500 0.600 0.550" in Page(path.read_text(encoding="utf-8")).text
-
-
-@pytest.mark.parametrize(
-    ("results", "match"),
-    [
-        ([], "no structure"),
-        ([structure("a", (1, 1)), structure("a", (1, 1))], "two structures are called a"),
-        ([structure("a", (1, 1), chosen=True), structure("b", (1, 1), chosen=True)], "more than one"),
-        ([structure("a")], "a has no seed"),
-        (
-            [structure("a", (1, 1)), StructureResult(name="b", r2=[{"other": 1.0}], seconds=1.0)],
-            "b has no seed, or other records than a",
-        ),
-    ],
-)
-def test_a_protocol_that_makes_no_table_is_refused(results, match):
-    with pytest.raises(UserError, match=match):
-        protocol_section("wrong", results)
 
 
 @pytest.mark.parametrize("missing", ["plotly", "jinja2"])
