@@ -20,9 +20,9 @@ FURTHER: dict[str, Callable[[], System]] = {}
 BLOCKS: dict[str, tuple[Block, Block]] = {}
 """Blocks of extensions, each in two shapes."""
 for path in sorted(extensions.HOME.glob("*/tests/systems.py")):
-    told = import_module(f"hybrid_sysid_ros.extensions.{path.parts[-3]}.tests.systems")
-    FURTHER |= told.SYSTEMS
-    BLOCKS |= getattr(told, "BLOCKS", {})
+    found = import_module(f"hybrid_sysid_ros.extensions.{path.parts[-3]}.tests.systems")
+    FURTHER |= found.SYSTEMS
+    BLOCKS |= getattr(found, "BLOCKS", {})
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]

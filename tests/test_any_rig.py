@@ -78,7 +78,7 @@ def test_where_the_pressure_began_is_found(press, records, gray):
         assert initial_state(gray.system, experiment)[2] == pytest.approx(pressure, abs=0.15)
 
 
-def test_scores_are_told_for_each_output(press, records, gray):
+def test_scores_are_reported_for_each_output(press, records, gray):
     scores = evaluate(gray, records[0])
     assert set(scores.outputs) == {"position", "leakage"}
     assert scores.r2 == pytest.approx(np.mean([item.r2 for item in scores.outputs.values()]))

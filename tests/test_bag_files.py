@@ -61,7 +61,7 @@ def test_the_library_reads_the_same_messages(tmp_path: Path) -> None:
     assert len(logged) == 2000
 
 
-def test_types_are_told_as_ros_tells_them(tmp_path: Path) -> None:
+def test_types_are_reported_as_ros_tells_them(tmp_path: Path) -> None:
     """Definition and hash against ROS's own, quality of service as rosbag2 writes it."""
     offered = bags.QualityOfService(reliability="best_effort", depth=5)
     with bags.BagWriter(tmp_path / "run") as writer:

@@ -234,7 +234,7 @@ def test_the_filter_is_a_butterworth_low_pass_of_20_hertz(rig):
     assert -np.angle(slow * 1j) / (2 * np.pi * 2.0) == pytest.approx(0.0307, rel=0.02)
 
 
-def test_the_filter_settles_where_it_is_told(rig):
+def test_the_filter_settles_where_it_is_put(rig):
     filtered = LowPassFilter(rig.sensors[0].low_pass, rig.step)
     filtered.reset(0.1)
     for _ in range(100):

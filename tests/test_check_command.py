@@ -1,4 +1,4 @@
-"""hybrid-sysid check: the shipped model of every shipped rig passes, and a rig without one is told so."""
+"""hybrid-sysid check: the shipped model of every shipped rig passes, and for a rig without one that is reported."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_every_shipped_model_explains_its_rig(name: str, tmp_path: Path) -> None
     assert "R2 " in checks.model()
 
 
-def test_a_rig_of_ones_own_is_told_that_nothing_comes_with_it(tmp_path: Path) -> None:
+def test_a_user_of_a_rig_of_their_own_learns_that_nothing_comes_with_it(tmp_path: Path) -> None:
     folder = shutil.copytree(find("flexible_joint").path, tmp_path / "my_joint")
     checks = Checks(load(folder), tmp_path)
     checks.bag()

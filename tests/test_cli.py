@@ -137,7 +137,7 @@ def test_a_wrong_argument_of_identify_gets_one_line(command, tmp_path, arguments
     assert not (tmp_path / "model").exists()
 
 
-def test_a_score_begins_as_it_is_told(command, linear_model):
+def test_a_score_begins_as_it_is_asked_to(command, linear_model):
     scores = []
     for options in ([], ["--initial", "first"], ["--initial", "position=0.2"], ["--warm-up", "100"]):
         status, out, error = command("evaluate", linear_model, MULTISINE, *options, "--json")

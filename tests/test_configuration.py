@@ -1,4 +1,4 @@
-"""Every parameter is declared once for all rigs, a rig has values, and what is wrong is told by file and key."""
+"""Every parameter is declared once for all rigs, a rig has values, and what is wrong is reported by file and key."""
 
 import dataclasses
 import math
@@ -172,7 +172,7 @@ def test_the_library_gets_the_numbers_of_the_nodes_in_si_units(rig: Rig) -> None
         (NodeParameter(name="model", default="", description=""), None, "None: it needs text"),
     ],
 )
-def test_a_value_that_is_not_allowed_is_told(parameter: NodeParameter, value: Any, message: str) -> None:
+def test_a_value_that_is_not_allowed_is_reported(parameter: NodeParameter, value: Any, message: str) -> None:
     with pytest.raises(UserError) as reported:
         parameter.checked(value)
     assert message in str(reported.value)
@@ -195,20 +195,20 @@ def test_a_whole_number_does_for_a_number() -> None:
         ({"default": [1], "description": ""}, "nodes.plant.rate: parameter rate: the default [1]"),
     ],
 )
-def test_a_wrong_description_is_told_by_file_and_key(rig: Rig, write: Any, entry: Any, message: str) -> None:
+def test_a_wrong_description_is_reported_by_file_and_key(rig: Rig, write: Any, entry: Any, message: str) -> None:
     path = write({"nodes": {"plant": {"rate": entry}}})
     with pytest.raises(UserError) as reported:
         configuration.parameters(dataclasses.replace(rig, content={}), "plant")
     assert str(reported.value).startswith(f"{path}: {message}")
 
 
-def test_a_missing_section_is_told(write: Any) -> None:
+def test_a_missing_section_is_reported(write: Any) -> None:
     write({"nodes": {"plant": {}}})
     with pytest.raises(UserError, match=r"no section nodes\.estimator: known are plant"):
         configuration.parameters("cam_beam", "estimator")
 
 
-def test_an_unknown_rig_is_told() -> None:
+def test_an_unknown_rig_is_reported() -> None:
     with pytest.raises(UserError, match="no rig 'crane'"):
         configuration.defaults("crane", "plant")
     with pytest.raises(UserError, match="no model comes with the package for the rig crane"):

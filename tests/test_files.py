@@ -111,7 +111,7 @@ def locked(tmp_path: Path) -> Iterator[Path]:
     os.seteuid(user)
 
 
-def test_where_nothing_can_be_written_is_told_before_the_work_as_after_it(tmp_path):
+def test_where_nothing_can_be_written_is_reported_before_the_work_as_after_it(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "file" / "x", tmp_path / "file" / "x" / "y", Path("/proc/x"), Path("/proc/x/y")):
         for ask in (lambda place=place: check_file(place), lambda place=place: check_folder(place, marker="y")):
@@ -144,7 +144,7 @@ def test_a_pipe_or_a_device_is_never_replaced_by_a_file(tmp_path):
     assert (tmp_path / "pipe").is_fifo()
 
 
-def test_what_may_not_be_replaced_is_told_before_the_work(tmp_path):
+def test_what_may_not_be_replaced_is_reported_before_the_work(tmp_path):
     (tmp_path / "metadata.yaml").touch()
     with pytest.raises(UserError, match="is a folder, not a file"):
         check_file(tmp_path)

@@ -293,7 +293,7 @@ WRONG: list[Case] = [
 
 
 @pytest.mark.parametrize(("argument", "call"), WRONG, ids=[f"{k}-{name}" for k, (name, _) in enumerate(WRONG)])
-def test_a_wrong_argument_is_told_in_one_line(
+def test_a_wrong_argument_is_reported_in_one_line(
     things: SimpleNamespace, argument: str, call: Callable[[SimpleNamespace], object]
 ) -> None:
     with pytest.raises(hs.UserError) as caught:

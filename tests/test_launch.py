@@ -69,7 +69,7 @@ def same(launched: Any, run: Any) -> None:
     assert launched.get("recorder", {}).get("further") == run.get("recorder", {}).get("further")
 
 
-def test_the_nodes_know_what_they_are_told(launch_file: Any) -> None:
+def test_the_nodes_know_what_they_are_given(launch_file: Any) -> None:
     for node, values in launch_file.parameters(given(launch_file, bag="bag", lockstep="true")).items():
         known = configuration.parameters(RIG, node)
         assert all(known[name].checked(value) == value for name, value in values.items())
@@ -103,7 +103,7 @@ def test_nodes_of_one_process_get_their_parameters_in_any_namespace(launch_file:
         context.try_shutdown()
 
 
-def test_what_is_wrong_is_told_before_anything_is_started(launch_file: Any, tmp_path: Path, caplog: Any) -> None:
+def test_what_is_wrong_is_reported_before_anything_is_started(launch_file: Any, tmp_path: Path, caplog: Any) -> None:
     """All of it, also what a parameter file says for a node, whatever else is in that."""
     file = tmp_path / "parameters.yaml"
     file.write_text(

@@ -78,8 +78,8 @@ def test_an_emergency_stop_stays_until_it_is_reset_and_armed(wheel: Wheel) -> No
 
 
 def test_an_operator_is_told_what_was_done_by_hand_and_what_goes_on() -> None:
-    told: list[str] = []
-    operation = Operation(armed=True, tell=told.append)
+    reported: list[str] = []
+    operation = Operation(armed=True, tell=reported.append)
     operation.turn_to(ControllerMode.STOP)
     operation.turn_to(ControllerMode.DRIVE)
     for _ in range(2):
@@ -88,7 +88,7 @@ def test_an_operator_is_told_what_was_done_by_hand_and_what_goes_on() -> None:
     operation.arm([])
     operation.disarm()
     latched = "disarmed (emergency stop by the topic estop)"
-    assert told == [
+    assert reported == [
         "at rest: stopped until the service enable is called",
         "may move: the loop drives",
         f"at rest: {latched}: call the services reset and arm",

@@ -100,7 +100,7 @@ def test_a_manager_leads_a_node_through_its_states(bench: Bench) -> None:
     assert state(bench, "plant") == "unconfigured"
 
 
-def test_what_is_in_the_way_of_a_configuration_is_told_and_can_be_mended(bench: Bench, model_folder: Path) -> None:
+def test_what_is_in_the_way_of_a_configuration_is_reported_and_can_be_mended(bench: Bench, model_folder: Path) -> None:
     said = bench.listen("/diagnostics", DiagnosticArray)
     bench.start(EstimatorNode, autostart=False, model="/nowhere")
     assert not change(bench, "estimator", CONFIGURE)
@@ -411,7 +411,7 @@ def test_a_hundred_nodes_one_after_the_other_leave_nothing_behind(domain: int) -
     assert last[2] < settled[2] + MEMORY
 
 
-def test_a_loop_that_does_not_get_to_a_service_in_time_is_told_and_does_nothing_later(
+def test_a_loop_that_does_not_get_to_a_service_in_time_is_reported_and_does_nothing_later(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(managed, "PATIENCE", 0.05)
@@ -429,7 +429,7 @@ def test_a_loop_that_does_not_get_to_a_service_in_time_is_told_and_does_nothing_
     assert done
 
 
-def test_an_error_without_words_is_told_by_its_name(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_without_words_is_reported_by_its_name(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail() -> None:
         raise TimeoutError
 

@@ -95,7 +95,7 @@ def test_another_number_gives_another_seal(folder, tmp_path):
     assert models.load(tmp_path / "other").seal != models.load(folder).seal
 
 
-def test_a_law_that_was_changed_since_the_fit_is_told(tmp_path, monkeypatch):
+def test_a_law_that_was_changed_since_the_fit_is_reported(tmp_path, monkeypatch):
     model_of("gray").save(tmp_path)
     law = CamBeam.law
 

@@ -70,14 +70,14 @@ def test_a_topic_is_carried_as_its_class_says() -> None:
 @pytest.mark.parametrize(
     "change", [{"reliability": "sometimes"}, {"depth": "many"}, {"durability": None}, {"topics": 5}, {"reliability": 1}]
 )
-def test_a_wrong_class_of_topics_is_told(tmp_path: Path, change: dict[str, Any]) -> None:
+def test_a_wrong_class_of_topics_is_reported(tmp_path: Path, change: dict[str, Any]) -> None:
     path, sound = tmp_path / "nodes.yaml", {"reliability": "reliable", "durability": "volatile", "depth": 1}
     path.write_text(yaml.safe_dump({"qos": {"loop": {**sound, "topics": [], **change}}}), encoding="utf-8")
     with pytest.raises(UserError, match=r"nodes\.yaml: qos\.loop"):
         topics.qualities(path)
 
 
-def test_a_topic_in_two_classes_is_told(tmp_path: Path) -> None:
+def test_a_topic_in_two_classes_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "nodes.yaml"
     quality = {"reliability": "reliable", "durability": "volatile", "depth": 1, "topics": ["joint_states"]}
     path.write_text(yaml.safe_dump({"qos": {"loop": quality, "view": quality}}), encoding="utf-8")
@@ -103,7 +103,7 @@ def test_a_topic_in_two_classes_is_told(tmp_path: Path) -> None:
         (ReferenceNode, {"kind": "multisine", "frequency": 0.01}, "a multisine needs more than"),
     ],
 )
-def test_a_parameter_that_is_not_allowed_is_told(bench: Bench, kind: Any, parameters: Any, message: str) -> None:
+def test_a_parameter_that_is_not_allowed_is_reported(bench: Bench, kind: Any, parameters: Any, message: str) -> None:
     with pytest.raises(UserError) as reported:
         bench.start(kind, **parameters)
     assert message in str(reported.value)

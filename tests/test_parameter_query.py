@@ -12,10 +12,10 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
+from hybrid_sysid_ros.extensions.shared.nodes.collector import Uncalled
 from hybrid_sysid_ros.nodes import parameter_query
 from hybrid_sysid_ros.nodes.parameter_query import ParameterQuery
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
-from hybrid_sysid_ros.nodes.subscriptions import Uncalled
 from tests.node_bench import Bench
 
 

@@ -135,7 +135,7 @@ def test_a_bag_whose_input_no_actuator_gives_gets_one_line_by_every_command(comm
     refused(command("evaluate", shipped(WHEEL, "model"), bag), *words)
 
 
-def test_a_bag_in_another_unit_is_told_by_evaluate_and_before_a_fit(command, tmp_path):
+def test_a_bag_in_another_unit_is_reported_by_evaluate_and_before_a_fit(command, tmp_path):
     model, bag = shipped(WHEEL, "model"), written(tmp_path / "rpm", record_of(WHEEL, outputs=RPM))
     status, out, error = command("evaluate", model, bag, "--json")
     assert status == 0, error
@@ -149,7 +149,7 @@ def test_a_bag_in_another_unit_is_told_by_evaluate_and_before_a_fit(command, tmp
     assert "doubt: over share, which it was fitted to, R2 of its run is 0.0" in out
 
 
-def test_a_bag_with_spikes_is_told_by_identify(command, tmp_path):
+def test_a_bag_with_spikes_is_reported_by_identify(command, tmp_path):
     bag = written(tmp_path / "bag", with_spikes(record_of(WHEEL), [400, 800], 300.0, 0))
     status, _, error = command("identify", bag, *FIT, "--out", tmp_path / "model")
     assert status == 0, error

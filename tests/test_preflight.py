@@ -1,4 +1,4 @@
-"""What is wrong with a loop is told before anything of it is started, all at once, each with its place."""
+"""What is wrong with a loop is reported before anything of it is started, all at once, each with its place."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def test_a_rig_as_it_comes_has_no_problems(rig: str, lockstep: bool) -> None:
     assert problems(rig, lockstep=lockstep) == ()
 
 
-def test_a_preview_shorter_than_the_horizon_is_told_beside_the_rule_that_the_period_breaks() -> None:
+def test_a_preview_shorter_than_the_horizon_is_reported_beside_the_rule_that_the_period_breaks() -> None:
     rule, preview = problems(policy="exact", lockstep=True, parameters={"controller": {"horizon": 20, "period": 0.05}})
     assert "stale_after" in rule
     assert preview.startswith(f"{load('cam_beam').file}: nodes.reference.preview_seconds is 0.5 s")
 
 
-def test_each_value_that_is_wrong_is_told_by_its_node_and_name(tmp_path: Path) -> None:
+def test_each_value_that_is_wrong_is_reported_by_its_node_and_name(tmp_path: Path) -> None:
     given = {"controller": {"horizon": 2000, "speed": 1.0}, "plant": {"bias": 100.0}, "estimator": {"latency": 0.002}}
     found = problems(rate=300.0, reference="sinus", parameters=given)
     for words in ("controller: parameter horizon", "controller: unknown parameter speed", "plant: parameter bias"):

@@ -206,7 +206,7 @@ def test_a_node_that_is_stopped_while_it_starts_ends_well(domain: int, tmp_path:
     assert [path.name for path in tmp_path.iterdir()] == left
 
 
-def test_security_that_cannot_be_had_is_told_in_a_line(domain: int, tmp_path: Path) -> None:
+def test_security_that_cannot_be_had_is_reported_in_a_line(domain: int, tmp_path: Path) -> None:
     """A keystore without keys, or a middleware without security, as that of the wheels."""
     (tmp_path / "enclaves").mkdir()
     security = {"ENABLE": "true", "STRATEGY": "Enforce", "KEYSTORE": str(tmp_path)}

@@ -283,7 +283,7 @@ def test_a_run_that_a_late_stabiliser_closes_is_the_record_s_own():
     np.testing.assert_allclose(found[200:], states[200:], atol=1e-6)  # what acted before the record has faded
 
 
-def test_what_a_stabiliser_needs_is_told(record):
+def test_what_a_stabiliser_needs_is_reported(record):
     coarse = replace(record, sampling=Sampling(step=STEP, period=2.0 * STEP))
     with pytest.raises(UserError, match="give a period as long as the step"):
         stabilised_run(PLANT, coarse, GAINS)

@@ -59,7 +59,7 @@ def test_one_warning_says_why_and_what_it_costs(release):
     assert (process.stdout, process.stderr) == ("False\n", "")  # the one that started it has warned
 
 
-def test_a_name_that_is_missing_is_told_and_so_is_what_is_forced(release, monkeypatch):
+def test_a_name_that_is_missing_is_reported_and_so_is_what_is_forced(release, monkeypatch):
     release("0.70.1")
     with pytest.warns(RuntimeWarning, match=r"numba 0\.70\.1 has no _first, _second"):
         assert not GUARDED.usable(["_first", "_second"])

@@ -21,7 +21,7 @@ ASKED_OTHERS = 0.02
 
 
 def of_case(rig: Rig, case: Case, seed: int) -> dict[str, float]:
-    """Error [degrees], its deviation as the reader told it, share lost, time of the layers [s] and pictures a second,
+    """Error [degrees], its deviation as the reader has it, share lost, time of the layers [s] and pictures a second,
     both in CPU time. The zero is a gauge: the mean error is taken out.
     """
     seen = shots(rig, motion_of(rig, seed=seed), case, seed=seed)

@@ -24,7 +24,7 @@ ASKED_SHIFT, ASKED_RATE = 0.3, 5.0  # ms, ppm
 
 
 def measured(rig: Rig) -> dict[str, Any]:
-    """Errors of shift [ms] and rate [ppm], each with the deviation that was told, over random offsets."""
+    """Errors of shift [ms] and rate [ppm], each with the deviation that was reported, over random offsets."""
     random, rows = np.random.default_rng(0), list[dict[str, float]]()
     for number in range(OFFSETS):
         with TemporaryDirectory() as folder:
@@ -58,7 +58,7 @@ def measured(rig: Rig) -> dict[str, Any]:
 
 def table(found: dict[str, Any]) -> Table:
     """Of shift and rate."""
-    shown = Table("", "worst", "rms", "asked, worst", "told, rms", title=f"time, {found['offsets']} random offsets")
+    shown = Table("", "worst", "rms", "asked, worst", "reported, rms", title=f"time, {found['offsets']} random offsets")
     for name, key, asked in (("shift [ms]", "shift_ms", ASKED_SHIFT), ("rate [ppm]", "rate_ppm", ASKED_RATE)):
         cells = (f"{found[f'{kind}_{key}']:.3f}" for kind in ("worst", "rms"))
         shown.add_row(name, *cells, f"{asked:g}", f"{found[f'rms_told_{key}']:.3f}")

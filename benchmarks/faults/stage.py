@@ -105,7 +105,7 @@ class Stage(Observation):
         self.joint = next(iter(rig.joints.joints))
         self.clocked, self.actuated = clocked, actuated
         self.lines: list[str] = []
-        """What nodes have told: a traceback would be among them."""
+        """What nodes have printed: a traceback would be among them."""
         self.started = 0.0
         """Steady time at which a fault begins; one that must prepare something moves it [s]."""
         self._bags = 0
@@ -233,7 +233,7 @@ class Stage(Observation):
         return found
 
     def calm(self, least: float) -> None:
-        """Wait until no diagnostics have told of anything for so long [s]; at most for PATIENCE."""
+        """Wait until no diagnostics have reported anything for so long [s]; at most for PATIENCE."""
         begin = time.monotonic()
         while (now := time.monotonic()) < begin + PATIENCE:
             if now > begin + least and not any(said.time > now - least for said in self.said[-50:]):

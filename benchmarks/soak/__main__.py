@@ -12,7 +12,7 @@ machine. A tick that is late by L leaves the period less L for a turn of the loo
 delay). So a sleeper would have missed a command wherever it woke later than the period less D, and what it counts is
 what a loop misses on this machine that never takes longer than its median. That is in the sleeper's favour, who is
 open to stalls of the machine at its deadlines alone, where whoever works is for D longer. What such a one misses is
-told beside it: a worker computes for D, always the same, in each period, alone in the loop's place, right behind it and
+set beside it: a worker computes for D, always the same, in each period, alone in the loop's place, right behind it and
 for a quarter of its time. A stall of several periods is as many missed commands for all.
 
 Delays over time are those of the plant's windows of half a second, out of /diagnostics in the bag; those of the whole
@@ -100,7 +100,7 @@ class Sleeper:
 
 
 def reported(bag: Path, node: str) -> Windows:
-    """What a node told of its loop every half second, by key (reports,); "time" [s] from the first report on."""
+    """What a node reported of its loop every half second, by key (reports,); "time" [s] from the first report on."""
     reports: list[dict[str, float]] = []
     with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         connections = [item for item in reader.connections if item.topic == "/diagnostics"]

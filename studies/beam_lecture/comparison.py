@@ -72,7 +72,7 @@ def compare(
 
     part: of all training records, or of each. alike: of the blocks that are held out, see
     :func:`~hybrid_sysid_ros.extensions.search.cross_validation.cross_validate`. options: of all
-    structures. jobs: processes, 0 for one a processor. told: gets each candidate as it is done. store: keeps finished
+    structures. jobs: processes, 0 for one a processor. report: gets each candidate as it is done. store: keeps finished
     candidates, and has those of an earlier run. A structure that can't be fitted, or whose process is killed again and
     again, is a candidate with an error; the others go on. The choice is the one-standard-error rule of Breiman et al.
     (1984): RULE, which the tests never enter.

@@ -35,8 +35,8 @@ class Choice:
     """[rad/s sqrt(s)]"""
     fade: float = 21.9
     """Rate at which the brake returns to 0 [1/s]."""
-    told: float = 0.373
-    """Estimated speed below which the bit is told to be stuck [rad/s]."""
+    stuck_below: float = 0.373
+    """Estimated speed below which the bit counts as stuck [rad/s]."""
 
     @property
     def tuning(self) -> Tuning:
@@ -67,7 +67,7 @@ def chosen(system: SlidingBit, record: Record, *, seed: int = 0) -> Choice:
     def loss(logarithms: Array) -> float:
         choice = Choice(*np.exp(logarithms).tolist())
         measured, speed = choice.estimated(system, record)
-        judged = stops.found(np.abs(measured) < stops.STUCK, np.abs(speed) < choice.told)
+        judged = stops.found(np.abs(measured) < stops.STUCK, np.abs(speed) < choice.stuck_below)
         return -min(judged["precision"], judged["recall"])
 
     found = differential_evolution(

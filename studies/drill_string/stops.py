@@ -15,7 +15,7 @@ STUCK = 0.2
 def found(truth: Flags, reported: Flags) -> dict[str, float]:
     """Precision and recall of stuck samples, (samples,) of bool each, and of stops, with the share and the count.
 
-    A stop is found where any sample of it is told, and one that is told is right where it touches a true one.
+    A stop is found where any sample of it is reported, and one that is reported is right where it touches a true one.
     """
     both = float(np.sum(truth & reported))
     return {

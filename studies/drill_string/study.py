@@ -93,7 +93,7 @@ def observed(record: Record) -> dict[str, Any]:
     cut = round(learnt.duration / observer.PERIOD) + 1
     for name, half in (("first", slice(cut)), ("second", slice(cut, None))):
         scores = score(measured[half], speed[half])
-        reported = stops.found(np.abs(measured[half]) < STUCK, np.abs(speed[half]) < Choice().told)
+        reported = stops.found(np.abs(measured[half]) < STUCK, np.abs(speed[half]) < Choice().stuck_below)
         found[name] = {"r2": scores.r2, "rmse": scores.rmse, "stuck": reported}
     return found
 

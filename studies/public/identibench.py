@@ -73,11 +73,11 @@ def build_model(context: Any) -> Predictor:
     records = [_prepared(item.u, item.y, sampling, f"sequence {number}") for number, item in enumerate(sequences)]
     settings = _settings(context.hyperparameters)
     seed = int(context.seed or 0) % 2**31
-    told: list[str] = []
+    reported: list[str] = []
 
     def progress(stage: str, count: int, error: float) -> None:
-        if stage not in told:
-            told.append(stage)
+        if stage not in reported:
+            reported.append(stage)
             status.print(f"  {stage}")
 
     system = identify_state_space(records, outputs, inputs, settings, seed=seed, progress=progress).system

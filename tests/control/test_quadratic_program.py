@@ -74,7 +74,7 @@ def test_a_soft_row_is_violated_at_its_price():
     assert program.solution[0] == pytest.approx(1.3, abs=1e-9)
 
 
-def test_a_program_without_solution_is_told():
+def test_a_program_without_solution_is_reported():
     program, _memory = quadratic_program(1, 1)
     program.rows[:] = 1.0
     program.lower[:], program.upper[:] = [-1.0, 2.0], [1.0, 3.0]

@@ -156,7 +156,7 @@ def test_code_in_another_function_s_place_is_not_taken(tmp_path):
         assert files[1].load("key") is None
 
 
-def test_what_cannot_be_kept_is_told(tmp_path):
+def test_what_cannot_be_kept_is_reported(tmp_path):
     with pytest.warns(RuntimeWarning, match="the next process compiles anew"):
         CheckedCacheFile(str(tmp_path / "gone"), "twice", 1.0).save("key", 1.0)
 

@@ -25,9 +25,9 @@ for units in map(int, sys.argv[1:]):
     weights = block.initial(units, output=1.0)
     hybrid = Hybrid(physics=ThrusterCart(), on=("velocity",), block=block, scales=(1.0,) * 5, network_weights=weights)
     starts, x, u = np.array([[0, 0, 3, 0]]), np.array([[0.3, 2.0]]), np.full((2, 2), 0.5)
-    told = Sensitivities(hybrid, parameters=(), states=())
-    derivatives, moved = np.empty((3, 2, told.count)), []
-    told.rollouts(hybrid, starts, x, u, step=0.01, every=1, out=derivatives)
+    found = Sensitivities(hybrid, parameters=(), states=())
+    derivatives, moved = np.empty((3, 2, found.count)), []
+    found.rollouts(hybrid, starts, x, u, step=0.01, every=1, out=derivatives)
     for step in 1e-6 * np.eye(len(weights)):
         a, b = (rollouts(hybrid.with_weights(weights + s), starts, x, u, step=0.01, every=1)[1] for s in (step, -step))
         moved.append((a - b) / 2e-6)

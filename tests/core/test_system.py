@@ -1,4 +1,4 @@
-"""Systems: what a class declares, what its law may be, and how each mistake is told in one line."""
+"""Systems: what a class declares, what its law may be, and how each mistake is reported in one line."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -211,7 +211,7 @@ DECLARED: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("case", DECLARED)
-def test_a_declaration_that_does_not_fit_is_told_when_the_class_is_made(case):
+def test_a_declaration_that_does_not_fit_is_reported_when_the_class_is_made(case):
     changes, named = DECLARED[case]
     body: dict[str, Any] = {
         "states": ("q [rad]", "v [rad/s]"),
@@ -270,7 +270,7 @@ LAWS = {
 
 
 @pytest.mark.parametrize("case", LAWS)
-def test_a_law_that_can_not_be_one_is_told_when_it_is_traced(case):
+def test_a_law_that_can_not_be_one_is_reported_when_it_is_traced(case):
     law, named = LAWS[case]
     with pytest.raises(UserError) as raised:
         simulate(made(law), np.zeros(2), np.zeros((3, 1)), step=0.1)
@@ -286,20 +286,20 @@ def test_a_law_that_can_not_be_one_is_told_when_it_is_traced(case):
         (None, ("force [N]",), "force"),
     ],
 )
-def test_an_output_map_that_does_not_fit_is_told(output, outputs, named):
+def test_an_output_map_that_does_not_fit_is_reported(output, outputs, named):
     with pytest.raises(UserError) as raised:
         simulate(made(output=output, outputs=outputs), np.zeros(2), np.zeros((3, 1)), step=0.1)
     reported(raised, "Cart", named)
 
 
-def test_a_block_that_is_asked_for_other_features_is_told():
+def test_a_block_that_is_asked_for_other_features_is_reported():
     block = Softsign(features=3, units=2)
     with pytest.raises(UserError) as raised:
         simulate(made(lambda self, x, u: (x[1], block([x[0], u[0]])[0])), np.zeros(2), np.zeros((3, 1)), step=0.1)
     reported(raised, "Cart", "3 features")
 
 
-def test_a_contact_whose_level_is_not_finite_is_told():
+def test_a_contact_whose_level_is_not_finite_is_reported():
     def level(self, x, u):
         return 1.0 / x[0]
 
@@ -317,6 +317,6 @@ def test_a_contact_whose_level_is_not_finite_is_told():
         ("observed", "states_from_record"),
     ],
 )
-def test_a_system_of_an_earlier_edition_is_told_the_new_name(old, new):
+def test_a_system_of_an_earlier_edition_is_given_the_new_name(old, new):
     with pytest.raises(UserError, match=rf"Former: {old} .*{new}"):
         type("Former", (System,), {old: property(lambda self: [0])})

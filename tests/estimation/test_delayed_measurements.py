@@ -142,7 +142,7 @@ def test_a_channel_that_contradicts_a_sensor_that_is_believed_is_gated_and_reset
     assert (ours.counters.gated, ours.counters.resets) == (49, 0)
 
 
-def test_a_channel_that_is_not_there_is_told(kind):
+def test_a_channel_that_is_not_there_is_reported(kind):
     ours = kind(LINEAR, TUNING, period=PERIOD)
     with pytest.raises(UserError, match="no channel lidar: known are camera, gyro"):
         ours.correct(0.0, 0.0, "lidar")
@@ -210,6 +210,6 @@ def test_a_recurrence_knows_only_its_own_samples(kind):
         ({"window": np.inf}, "window inf s"),
     ],
 )
-def test_numbers_that_make_no_estimator_are_told(kind, changes, reason):
+def test_numbers_that_make_no_estimator_are_reported(kind, changes, reason):
     with pytest.raises(UserError, match=reason):
         kind(LINEAR, dataclasses.replace(TUNING, **changes), period=PERIOD)

@@ -80,7 +80,7 @@ def test_a_gap_is_predicted_over_in_steps_of_the_model(kind):
 
 
 @pytest.mark.parametrize("tuning", [QUIET, HUM], ids=["plain", "hum"])
-def test_innovations_of_a_rig_as_noisy_as_it_is_told_are_white_with_their_variance(kind, tuning):
+def test_innovations_of_a_rig_as_noisy_as_stated_are_white_with_their_variance(kind, tuning):
     """Sum of N normalised squares within the chi-square band of N degrees of freedom, lag-one correlation about 0."""
     samples, rejected = 4000, 0
     for seed in range(4):

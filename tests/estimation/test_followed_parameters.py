@@ -102,7 +102,7 @@ def test_of_a_hybrid_the_centre_is_nearly_an_input(rig):
         ("coulomb=much", "'coulomb=much' is no NAME=DRIFT"),
     ],
 )
-def test_what_can_t_be_followed_is_told(rig, followed, reason):
+def test_what_can_t_be_followed_is_reported(rig, followed, reason):
     with pytest.raises(UserError, match=reason):
         METHODS["ekf"](rig.system, tuning(rig, followed), period=PERIOD)
 

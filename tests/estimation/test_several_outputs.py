@@ -378,11 +378,11 @@ def test_offsets_of_inputs_that_act_alike_are_refused(kind):
         ({"initial_deviation": (1.0, np.inf, 1.0)}, "initial_deviation of state speed is inf"),
     ],
 )
-def test_a_tuning_that_does_not_fit_is_told(changes, reason):
+def test_a_tuning_that_does_not_fit_is_reported(changes, reason):
     with pytest.raises(UserError, match=reason):
         dataclasses.replace(CART, **changes).checked(HeatedCart())
 
 
-def test_another_number_of_outputs_is_told(kind):
+def test_another_number_of_outputs_is_reported(kind):
     with pytest.raises(UserError, match="1 outputs and 2 inputs were given"):
         kind(Plate(), TUNING, period=PERIOD).update(0.0, np.zeros(1), np.zeros(2))

@@ -1,4 +1,4 @@
-"""hybrid-sysid rig check: a rig that makes no sense is told in a line for each problem."""
+"""hybrid-sysid rig check: a rig that makes no sense is reported in a line for each problem."""
 
 import json
 from dataclasses import dataclass
@@ -102,7 +102,7 @@ def test_what_grows_without_a_loop_is_named_and_held_by_one():
     assert problems(rig_of(falling, experiments=held)) == ""
 
 
-def test_a_loop_that_is_too_weak_is_told_with_what_grows():
+def test_a_loop_that_is_too_weak_is_reported_with_what_grows():
     """q'' = 4 q - q."""
     weak = rig_of(Mass(growth=4.0), experiments=Experiments(loops={0: ExperimentLoop(output=0, gain=1.0)}))
     found = problems(weak)
@@ -147,7 +147,7 @@ def test_a_loop_is_stable_up_to_the_gain_at_which_its_phase_is_180_degrees(share
     assert ("unstable at the origin in first" in found) == (share > 1.0)
 
 
-def test_an_excitation_beyond_the_limits_is_told_by_its_key():
+def test_an_excitation_beyond_the_limits_is_reported_by_its_key():
     def rig(low, high, amplitude):
         steps = Excitation(kind="random_steps", numbers={"amplitude": amplitude, "hold": 0.5})
         experiments = Experiments(excitations={"steps": {0: steps}})
@@ -172,11 +172,11 @@ def test_variables_without_a_unit_are_remarked():
         (Misplaced(), "friction acts on its velocity, velocity"),
     ],
 )
-def test_equations_that_make_no_sense_are_told(system, message):
+def test_equations_that_make_no_sense_are_reported(system, message):
     assert message in problems(rig_of(system))
 
 
-def test_a_low_pass_faster_than_the_step_is_told():
+def test_a_low_pass_faster_than_the_step_is_reported():
     rig = rig_of(Mass(), step=0.01, sensors={"position": Sensor(unit="m", low_pass=LowPass(hertz=100.0, order=2))})
     assert "is unstable at a step of 0.01 s" in problems(rig)
 

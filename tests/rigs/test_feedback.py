@@ -113,6 +113,6 @@ class Pair(System):
         ({"period": 0.1, "follow": {"way": 1.0}, "wanted": {"speed": {"way": [1.0, 2.0]}}}, "has 2 numbers"),
     ],
 )
-def test_what_is_wrong_with_a_feedback_is_told(content, message):
+def test_what_is_wrong_with_a_feedback_is_reported(content, message):
     with pytest.raises(UserError, match=re.escape(message)):
         Feedback.of(content, Pair(), "rig.yaml: experiments: feedback")

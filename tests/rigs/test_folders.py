@@ -1,4 +1,4 @@
-"""A rig is a folder, found by name, path or entry point; what is wrong with one is told in one line with its file."""
+"""A rig is a folder, found by name, path or entry point; what is wrong with one is said in one line with its file."""
 
 import dataclasses
 import importlib.metadata
@@ -159,14 +159,14 @@ def test_a_rig_that_is_found_twice_is_one(call, monkeypatch):
     assert (status, shown.count(str(HOME / "cam_beam"))) == (0, 1)
 
 
-def test_two_rigs_of_one_name_are_told_in_the_list(call, monkeypatch):
+def test_two_rigs_of_one_name_are_reported_in_the_list(call, monkeypatch):
     other = "hybrid_sysid_ros.rigs.flexible_joint"
     twin = importlib.metadata.EntryPoint(name="cam_beam", value=other, group=folders.GROUP)
     monkeypatch.setattr(folders, "_installed", lambda: [twin])
     refused(call(app.main, "hybrid-sysid", "rig", "list"), "two rigs are called cam_beam")
 
 
-def test_an_entry_point_that_fails_is_told(monkeypatch):
+def test_an_entry_point_that_fails_is_reported(monkeypatch):
     point = importlib.metadata.EntryPoint(name="crane", value="no_such_package", group=folders.GROUP)
     monkeypatch.setattr(folders, "_installed", lambda: [point])
     with pytest.raises(UserError, match="rig crane: entry point no_such_package can't be imported"):
@@ -178,7 +178,7 @@ def test_a_rig_of_the_package_is_the_same_by_name_and_by_path(make):
     assert rigs.load("cam_beam").source == "cam_beam"
 
 
-def test_two_rigs_of_one_name_are_told(make):
+def test_two_rigs_of_one_name_are_reported(make):
     with pytest.raises(UserError, match="a rig is called cam_beam already, in hybrid_sysid_ros"):
         rigs.load(make("cam_beam"))
     first = make("a")
@@ -190,7 +190,7 @@ def test_two_rigs_of_one_name_are_told(make):
         rigs.load(make("tanks"))
 
 
-def test_a_missing_rig_is_told_with_those_that_are_there(tmp_path, monkeypatch):
+def test_a_missing_rig_is_reported_with_those_that_are_there(tmp_path, monkeypatch):
     with pytest.raises(UserError, match=r"no rig 'crane': known are .*cam_beam"):
         rigs.load("crane")
     (tmp_path / "crane").mkdir()
@@ -386,7 +386,7 @@ def test_values_of_a_rig_s_nodes_go_together(name: str) -> None:
         assert parameters(name, node)
 
 
-def test_all_that_is_wrong_with_a_file_is_told_at_once(make):
+def test_all_that_is_wrong_with_a_file_is_reported_at_once(make):
     """Each by the key of its section."""
     wrong = "\nspeling: 1\ntravel: {nothing: [0, 1]}\noffsets: {nothing: 1.0}\nnamespace: a b\n"
     folder = make(values=TANK_VALUES + wrong)

@@ -145,7 +145,7 @@ def test_a_seed_decides_all_noise():
     assert abs(np.corrcoef(one[:, 0], one[:, 1])[0, 1]) < 0.9  # sensors have noise of their own
 
 
-def test_a_plant_begins_where_it_is_told_with_settled_inputs():
+def test_a_plant_begins_where_it_is_put_with_settled_inputs():
     plant = Plant(rig_of(Lags()), seed=0)
     plant.reset([2.0, 3.0], inputs=[2.0, 3.0])
     np.testing.assert_allclose(readings(plant, np.tile([2.0, 3.0], (100, 1)))[-1], [2.0, 3.0, 9.0], atol=1e-12)

@@ -62,7 +62,7 @@ def test_pulses_are_counted_over_a_window(rig):
     assert np.mean(readings) == pytest.approx(np.mean(truth), abs=16.0 / len(readings))
 
 
-def test_the_counter_s_noise_is_the_one_that_is_told(rig):
+def test_the_counter_s_noise_is_the_one_that_is_stated(rig):
     sensor = Sensor(unit="rpm", scale=rig.sensors[0].scale, white_noise=2.5, window=0.01)
     plant, found = Plant(replace(rig, sensors=(sensor,)), seed=1), []
     for _ in range(20_000):

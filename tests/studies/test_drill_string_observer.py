@@ -17,7 +17,7 @@ from studies.drill_string.observer import aligned, balance, estimated, identifie
 
 LATE, SECONDS = 20, 20
 CHOICE = Choice(
-    torque_noise=0.02, twist_noise=0.003, speed_noise=0.1, brake_noise=0.3, top_noise=0.03, fade=5.0, told=0.3
+    torque_noise=0.02, twist_noise=0.003, speed_noise=0.1, brake_noise=0.3, top_noise=0.03, fade=5.0, stuck_below=0.3
 )
 """For torques ten times smaller than the public record's."""
 
@@ -60,7 +60,7 @@ def test_stuck_samples_are_found_without_the_bits_speed(rig):
     for seed in (2, 3, 4):
         record = aligned(simulated(rig, seed), found.delay)
         measured, speed = CHOICE.estimated(system, record)
-        judged = stops.found(np.abs(measured) < stops.STUCK, np.abs(speed) < CHOICE.told)
+        judged = stops.found(np.abs(measured) < stops.STUCK, np.abs(speed) < CHOICE.stuck_below)
         assert min(judged["precision"], judged["recall"]) > 0.8
 
 
@@ -74,7 +74,7 @@ def test_the_bits_speed_is_not_read(rig):
 
 
 def test_stops_that_are_touched_count_as_found():
-    """Two true stops, of which one is touched; two that are told, of which one touches."""
+    """Two true stops, of which one is touched; two that are reported, of which one touches."""
     truth = np.array([1, 1, 1, 0, 0, 1, 1, 0, 0], dtype=bool)
     shown = np.array([0, 0, 1, 1, 0, 0, 0, 0, 1], dtype=bool)
     found = stops.found(truth, shown)

@@ -126,7 +126,7 @@ def search(
 ) -> None:
     """Evaluate until the study has so many evaluations, those of earlier runs included.
 
-    workers: of :class:`Evaluate`. timeout: seconds after which none is begun any more. told: gets each finished one.
+    workers: of :class:`Evaluate`. timeout: seconds after which none is begun any more. report: gets each finished one.
     Every outcome is in the study as soon as it is there, so an interruption loses only what is running, and that runs
     again next time. Raises UserError where nothing but failures comes.
     """

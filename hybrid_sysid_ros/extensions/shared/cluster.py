@@ -38,7 +38,7 @@ class Cluster(Workers[Item, Result]):
             import dask
             from distributed import Client, LocalCluster
         for name in ("distributed", "distributed.client", "tornado.application"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is told, in one line
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is reported in one line
         self.address, self.patience = address, patience
         self._cluster = None
         if address == LOCAL:

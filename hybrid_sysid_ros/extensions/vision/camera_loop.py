@@ -1,4 +1,4 @@
-"""Sight: a loop that a camera alone closes: what its nodes are told."""
+"""Camera loop: the parameters of the nodes of a loop that a camera alone closes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Accuracy from simulated and live shots: what a simulation told, as far as it is believed, and what shots tell."""
+"""Accuracy from simulated and live shots: what a simulation says, as far as it is believed, and what shots show."""
 
 from hybrid_sysid_ros.extensions.accuracy.statistics.assumptions import Assumptions, assumptions
 from hybrid_sysid_ros.extensions.accuracy.statistics.comparison import (

@@ -1,4 +1,4 @@
-"""Shots: points of impact, or any errors that are told again and again, read from CSV, NPZ or JSON."""
+"""Shots: points of impact, or any errors that are repeated, read from CSV, NPZ or JSON."""
 
 from __future__ import annotations
 

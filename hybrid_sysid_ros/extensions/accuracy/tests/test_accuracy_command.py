@@ -116,7 +116,7 @@ def test_nothing_need_be_believed_of_the_simulated_mean(accuracy, folder: Path):
     ("factor", "offset", "words"),
     [(1.0, 5.0, ("live mean contradicts", "look for the cause")), (1000.0, 0.0, ("live spread", "the same units"))],
 )
-def test_shots_that_contradict_the_simulation_are_told_of(accuracy, folder: Path, factor, offset, words):
+def test_shots_that_contradict_the_simulation_are_reported(accuracy, folder: Path, factor, offset, words):
     table("other.csv", folder, factor * read_shots("live.csv").values + offset)
     status, out, error = accuracy("simulated.csv", "other.csv", *DECLARED)
     assert (status, error.count("\n")) == (0, 1)
@@ -182,7 +182,7 @@ def test_an_archive_is_refused_by_what_it_would_take(accuracy, folder: Path):
     refused(accuracy("simulated.csv", "bad.npz", *DECLARED), "bad.npz", "64 MiB, more than 32")
 
 
-def test_an_outlier_is_told_of_and_changes_nothing(accuracy, folder: Path):
+def test_an_outlier_is_reported_and_changes_nothing(accuracy, folder: Path):
     values = read_shots("live.csv").values
     values[2, 1] += 50.0
     table("spoilt.csv", folder, values)

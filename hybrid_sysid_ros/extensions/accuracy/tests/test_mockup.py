@@ -139,7 +139,7 @@ def test_a_number_that_is_zero_in_all_shots_says_nothing_of_the_others():
     assert settling.noticed == pytest.approx(0.0, abs=1e-200)
 
 
-def test_shots_of_a_loop_that_ran_away_are_told_in_a_line(sled, exact):
+def test_shots_of_a_loop_that_ran_away_are_reported_in_a_line(sled, exact):
     where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=1)
     tracking_error = np.array([[0.1, 0.2], [np.nan, 0.1], [np.inf, 0.3]])
     with pytest.raises(UserError, match=r"live: 2 of 3 shots ended in no numbers.* of moves.* \S*rig\.yaml"):
@@ -237,7 +237,7 @@ def test_what_the_rig_really_is_is_drawn_about_what_it_is_thought_to_be(sled):
     assert sled.system.named == thought
 
 
-def test_what_is_not_there_is_told_in_a_line(call, sled, tmp_path):
+def test_what_is_not_there_is_reported_in_a_line(call, sled, tmp_path):
     folder = tmp_path / "other_sled"
     folder.mkdir()
     for file in ("system.py", "rig.yaml"):

@@ -70,7 +70,7 @@ class Move(Command):
     """Of the first goal's output, at most [its unit/s]."""
     hold: float = 0.0
     picture: str = ""
-    """That shows the goal; "" where it was told."""
+    """That shows the goal; "" where it was described."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,8 +50,8 @@ class Files:
 def columns(path: Path, vocabulary: Vocabulary) -> tuple[Array, dict[int, Array]]:
     """Times [s] and values of outputs, as they are shown, of a file of columns.
 
-    Its first row names them, "time, OUTPUT [unit]", the unit being the one in which it is shown where none is told.
-    Raises UserError for whatever is no such file; none of its content is told.
+    Its first row names them, "time, OUTPUT [unit]", the unit being the one in which it is shown where none is given.
+    Raises UserError for whatever is no such file; none of its content is shown.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:

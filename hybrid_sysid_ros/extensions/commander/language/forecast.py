@@ -30,7 +30,7 @@ TRIED = 5.0
 FOLLOWED = 0.3
 """Of a plan's span, rms, which the outputs may lie off it."""
 TROUBLED = 0.1
-"""Share of answers without a sound plan that is told."""
+"""Share of answers without a sound plan that is reported."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

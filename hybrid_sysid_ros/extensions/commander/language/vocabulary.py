@@ -124,7 +124,7 @@ class Vocabulary:
         return next(item.unit for item in self.rig.system.outputs if item.name == output.name)
 
     def units_of(self, output: int) -> tuple[Unit, Unit]:
-        """Those in which an output may be told: as it is shown, and as it travels."""
+        """Those in which an output may be given: as it is shown, and as it travels."""
         shown = self.outputs[output]
         return units.of_rig(shown.unit), units.of_rig(self.si(shown))
 

@@ -108,8 +108,8 @@ class CommanderNode(RigNode):
     # What is said.
 
     def on_text(self, message: String) -> None:
-        """A command by topic; what is wrong with it is told on command_reply."""
-        with suppress(UserError):  # told already
+        """A command by topic; what is wrong with it is reported on command_reply."""
+        with suppress(UserError):  # reported already
             self.obey(message.data)
 
     def accept(self, given: Mapping[str, Any], fixed: Sequence[str]) -> None:
@@ -122,7 +122,7 @@ class CommanderNode(RigNode):
             self.obey(given["command"])
 
     def obey(self, text: str) -> None:
-        """Read a command, and begin to check it. Raises UserError where it is refused, which is also told on
+        """Read a command, and begin to check it. Raises UserError where it is refused, which is also reported on
         command_reply.
         """
         try:

@@ -77,7 +77,7 @@ class ConfiguredInterpreter:
             given = self._node.settings
             made = Interpreter.of(simulator, folder=given["folder"], layers=given["layers"])
             _ = simulator.ability  # simulated here, and kept
-            with suppress(UserError):  # told when a picture is named
+            with suppress(UserError):  # reported when a picture is named
                 _ = made.eyes.reader  # compiled here, and kept
         except Exception as error:
             self.interpreter, self._trouble = None, self._node.words_of(error)

@@ -230,7 +230,9 @@ def test_a_stop_may_wait_and_leaves_what_runs_alone_until_then(loop: DrivenRig) 
     assert loop.commander.running is None
 
 
-def test_a_condition_that_never_comes_is_told_and_left_out(loop: DrivenRig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_condition_that_never_comes_is_reported_and_left_out(
+    loop: DrivenRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(waiting_commands, "PATIENCE", 0.1)
     loop.say("when it reaches 5 V, go to 2 V")
     loop.bench.until(lambda: state(loop.replies[-1]) == "refused")

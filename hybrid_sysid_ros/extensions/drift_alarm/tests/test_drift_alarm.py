@@ -1,4 +1,4 @@
-"""A drift of the innovations is told soon, and an undisturbed loop is accused as rarely as is stated."""
+"""A drift of the innovations is reported soon, and an undisturbed loop is accused as rarely as is stated."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def steps_to_alarm(random, threshold, *, both, scale=1.0, mean=0.0, most=5000):
 
 
 def test_an_undisturbed_process_is_accused_as_rarely_as_is_stated():
-    """Mean and deviation are never told, and the first values have to show them."""
+    """Mean and deviation are never given, and the first values have to show them."""
     random, length = np.random.default_rng(0), 200.0
     threshold = threshold_of(length)
     times = [steps_to_alarm(random, threshold, both=False, scale=7.0, mean=-3.0) for _ in range(300)]
@@ -48,7 +48,7 @@ def watch(innovations):
     ("after", "words"),
     [(lambda z: z, ""), (lambda z: z + 0.5, "of position have moved"), (lambda z: 1.6 * z, "have grown")],
 )
-def test_a_drift_is_told_by_what_moved(after, words):
+def test_a_drift_is_reported_by_what_moved(after, words):
     random = np.random.default_rng(1)
     calm, later = random.normal(scale=0.4, size=(4000, 1)), random.normal(scale=0.4, size=(1200, 1))
     found, values = watch(np.concatenate([calm, after(later)]))

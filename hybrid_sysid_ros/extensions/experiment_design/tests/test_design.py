@@ -82,7 +82,7 @@ def test_an_offset_of_a_record_takes_what_it_could_explain() -> None:
     np.testing.assert_allclose(found, slopes.T @ np.linalg.solve(noise, slopes), rtol=1e-8)
 
 
-def test_a_lag_is_told_best_by_a_sine_at_its_corner() -> None:
+def test_a_lag_is_determined_best_by_a_sine_at_its_corner() -> None:
     """|dG/dT| = K w / (1 + w^2 T^2) is largest at w = 1 / T: Goodwin & Payne (1977), chapter 6."""
     times = np.arange(4000) * STEP
     speeds = np.array([0.25, 0.5, 0.8, 1.0, 1.25, 2.0, 4.0]) / LAG
@@ -107,7 +107,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("short")
-def test_a_gain_is_told_best_by_the_largest_level() -> None:
+def test_a_gain_is_determined_best_by_the_largest_level() -> None:
     """With |u| <= a no input has more information about K than u = a: that of dy/dK = a (1 - e)."""
     found = designed(model(), rig(), seconds=8.0, period=STEP, amplitude=1.0, parameters=("gain",))
     known = Knowledge.of(model())

@@ -129,7 +129,7 @@ def test_growth_ends_where_a_line_is_enough():
     assert select_rules([item], **SIGNALS).rules == 1
 
 
-def test_rules_are_told_in_words_and_units():
+def test_rules_are_reported_in_words_and_units():
     system = TakagiSugeno(
         outputs=(Variable(name="level", unit="m"),), inputs=(Variable(name="valve", unit="V"),), output_lags=1,
         input_lags=1, scales=(2.0, 4.0), low=(-2.0, -8.0), high=(2.0, 8.0), premises=(0,), rules=1,

@@ -21,9 +21,9 @@ from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.extensions.graph.nodes import graph_client
 from hybrid_sysid_ros.extensions.graph.nodes.graph_client import GraphClient
+from hybrid_sysid_ros.extensions.shared.nodes.collector import Uncalled
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
-from hybrid_sysid_ros.nodes.subscriptions import Uncalled
 from hybrid_sysid_ros.support.errors import UserError
 from tests.node_bench import Bench
 

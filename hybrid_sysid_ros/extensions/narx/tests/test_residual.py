@@ -236,7 +236,7 @@ def test_a_known_residual_comes_back() -> None:
     assert np.std(error[:, 0]) < 0.01 * np.std(before[:, 0])
 
 
-def test_its_three_steps_are_told() -> None:
+def test_its_three_steps_are_reported() -> None:
     """What the gray box leaves follows the input, what the true recursion leaves does not."""
     system, _ = fitted(units=0, output_lags=2)
     unseen = reported(7)

@@ -10,7 +10,7 @@ from hybrid_sysid_ros.report.sections import Provenance
 
 
 def write_replay(path: Path | str, comparison: Comparison, title: str, summary: str, provenance: Provenance) -> Path:
-    """Write the page. told: what was replayed, in a sentence.
+    """Write the page. summary: what was replayed, in a sentence.
 
     Raises:
         UserError: plotly or jinja2 is not installed, or the place cannot be written.

@@ -89,7 +89,7 @@ def test_what_cannot_be_played_is_named(bench: Bench, bag: Path, tmp_path: Path)
             bench.start(PlayerNode, **parameters)
 
 
-def test_time_runs_as_fast_as_it_is_told() -> None:
+def test_time_runs_as_fast_as_it_is_asked_to() -> None:
     steady = [0]
     head = PlaybackClock(rate=2.0, steady=lambda: steady[0])
     head.go_to(100 * SECOND)

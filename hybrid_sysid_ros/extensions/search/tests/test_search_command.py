@@ -74,7 +74,7 @@ def test_an_unknown_structure_is_refused(command, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_where_every_trial_fails_the_reason_is_told(command, tmp_path: Path) -> None:
+def test_where_every_trial_fails_the_reason_is_reported(command, tmp_path: Path) -> None:
     """None of the options helps a record that is too short for its parts."""
     arguments = ("--structure", "linear", "--part", "0:0.02", "--trials", 2, "--jobs", 1)
     reason = r"none of its 2 trials gave a model; the last one: .*beam_multisine.*too short"

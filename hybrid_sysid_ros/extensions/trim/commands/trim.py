@@ -19,7 +19,7 @@ from hybrid_sysid_ros.rigs.validity import check_reached, check_valid
 from hybrid_sysid_ros.support.errors import UserError
 
 INVOLVED = 0.1
-"""Share in a mode from which on a state is told."""
+"""Share in a mode from which on a state is named."""
 
 
 def command(

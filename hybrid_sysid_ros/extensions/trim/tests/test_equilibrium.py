@@ -111,7 +111,7 @@ class Falling(System):
         return (exp(x[0]) + u[0] * u[0] + 1.0,)
 
 
-def test_without_an_equilibrium_that_is_told_with_the_cure():
+def test_without_an_equilibrium_that_is_reported_with_the_cure():
     with pytest.raises(UserError, match=r"no equilibrium at push 2, or none .*: speed still .* hold other values"):
         equilibrium(Falling(), {"push": 2.0})
     with pytest.raises(UserError, match="'weight' is no state or input; known are angle, rate, torque"):

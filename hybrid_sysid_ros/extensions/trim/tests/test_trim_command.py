@@ -67,7 +67,7 @@ def test_any_rig_has_its_equilibrium(trim):
         (("winged_cone", "--at", "height=-5.3e6"), ("--at: height is -5.3e+06 m", "is valid from")),  # underground
     ],
 )
-def test_what_can_t_be_is_told_in_a_line(trim, arguments, words):
+def test_what_can_t_be_is_reported_in_a_line(trim, arguments, words):
     refused(trim(*arguments), *words)
 
 
@@ -82,7 +82,7 @@ def test_a_record_beyond_the_validity_is_refused_by_its_state():
 
 @pytest.mark.slow
 def test_from_a_flight_to_what_is_known_and_how_far_it_predicts(call, tmp_path: Path):
-    """simulate, identify, evaluate: groups are told, the open run is refused, and other scores stand in its place."""
+    """simulate, identify, evaluate: groups are named, the open run is refused, and other scores stand in its place."""
     command = partial(call, app.main, "hybrid-sysid")
     bag, model = tmp_path / "flight", tmp_path / "model"
     reported = ("--rig", "winged_cone")

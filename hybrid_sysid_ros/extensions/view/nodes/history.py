@@ -73,10 +73,10 @@ class SignalHistory:
         self.epoch = -1
         """Of the tables, when it came."""
         self.statuses: set[str] = set()
-        """Names of the tasks that diagnostics have told of."""
+        """Names of the tasks that diagnostics have named."""
         self.controller, self.weights = ControllerState(), dict[str, list[float]]()
         self.heard = 0.0
-        """When the controller told its state last [s]; 0: not yet, or too long ago."""
+        """When the controller reported its state last [s]; 0: not yet, or too long ago."""
         self.collectors = {topic: Collector(self._node, TYPES[topic], topic) for topic in TOPICS}
         given = {"steady": monotonic_ns, "silence": self._node.settings["silence"] * SECOND}  # whatever the stamps
         self.validators = {topic: MessageValidator(TYPES[topic], **given) for topic in TOPICS}

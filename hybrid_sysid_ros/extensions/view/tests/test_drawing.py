@@ -105,6 +105,6 @@ def test_a_joint_that_nobody_draws_gets_a_dial_or_a_sled() -> None:
         ),
     ],
 )
-def test_what_is_wrong_is_told_by_file_and_key(drawing: dict[str, Any], words: str) -> None:
+def test_what_is_wrong_is_reported_by_file_and_key(drawing: dict[str, Any], words: str) -> None:
     with pytest.raises(UserError, match=words):
         of(**drawing)

@@ -155,7 +155,7 @@ ON = {
 """Which buttons are on, by the state and its reason."""
 
 
-def test_a_state_is_told_and_what_does_nothing_in_it_is_off(shown_rig: ShownRig, shown: Any) -> None:
+def test_a_state_is_reported_and_what_does_nothing_in_it_is_off(shown_rig: ShownRig, shown: Any) -> None:
     shown_rig.services = SERVICES
     page, reason = shown(), "document.getElementById('state-reason').textContent"
     for (shown_rig.state, shown_rig.reason), wanted in ON.items():

@@ -116,6 +116,6 @@ def test_the_faults_of_every_rig_are_parameters_of_its_plant() -> None:
         ({"fire": 3}, "needs parameters"),
     ],
 )
-def test_a_fault_that_is_none_is_told_by_file_and_key(faults: dict[str, Any], words: str, rig: Rig) -> None:
+def test_a_fault_that_is_none_is_reported_by_file_and_key(faults: dict[str, Any], words: str, rig: Rig) -> None:
     with pytest.raises(UserError, match=words):
         RequestMenu.of(replace(rig, content={**rig.content, "faults": faults}), ())

@@ -269,7 +269,7 @@ def test_too_many_pages_are_refused(page: Any) -> None:
     assert picture(opened[0])
 
 
-def test_a_port_that_is_taken_is_told(server: Server, service: Service) -> None:
+def test_a_port_that_is_taken_is_reported(server: Server, service: Service) -> None:
     with pytest.raises(UserError, match=f"port {server.port}: .*--port"):
         Server(service, port=server.port, pictures=10.0).start()
 

@@ -226,7 +226,7 @@ def test_experiments_and_faults_are_parameters_of_other_nodes(
     assert "no controller is there" in refused["line"]
 
 
-def test_a_page_is_told_who_is_there_and_calls_them(bench: Bench, view: ViewNode, page: ClientConnection) -> None:
+def test_a_page_knows_who_is_there_and_calls_them(bench: Bench, view: ViewNode, page: ClientConnection) -> None:
     called: list[str] = []
 
     def answer(name: str, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -263,7 +263,7 @@ def test_weights_are_shown_and_set_as_the_controller_has_them(
     bench.until(lambda: seen.look().news["weights"]["input_weight"] == [0.5])
 
 
-def test_a_page_is_told_the_state_of_the_controller(bench: Bench, view: ViewNode, page: ClientConnection) -> None:
+def test_a_page_knows_the_state_of_the_controller(bench: Bench, view: ViewNode, page: ClientConnection) -> None:
     reports = bench.speak("/diagnostics", DiagnosticArray)
     bench.until(reports.get_subscription_count)
     values = [KeyValue(key="state", value="slowed"), KeyValue(key="state_reason", value="the model is off")]

@@ -167,7 +167,7 @@ def test_a_run_goes_on_while_its_view_comes_back_to_the_same_page(domain: int) -
     assert outcome.diagnostics["controller"]
 
 
-def test_a_port_that_is_taken_is_told_before_anything_is_shown(domain: int) -> None:
+def test_a_port_that_is_taken_is_reported_before_anything_is_shown(domain: int) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UserError, match=f"port {port}.*--port"):

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.runtime.controllers import ConfiguredController, pace
 from hybrid_sysid_ros.runtime.parameters import defaults, shipped
 from hybrid_sysid_ros.support.errors import UserError
 
-LONGEST = 60  # characters of a name that are told
+LONGEST = 60  # characters of a name that are shown
 BEYOND = math.radians(0.5)
 """By which a position may lie beyond those that the layers were learned from."""
 

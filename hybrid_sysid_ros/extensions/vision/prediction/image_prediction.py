@@ -226,7 +226,7 @@ class Summary:
     error: float
     shown: float
     inside: float
-    """Share of the positions within twice the deviation that was told."""
+    """Share of the positions within twice the deviation that was predicted."""
 
     @classmethod
     def of(cls, rows: Sequence[Judged], ahead: float) -> Summary:

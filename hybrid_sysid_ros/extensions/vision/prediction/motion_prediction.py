@@ -22,14 +22,14 @@ from hybrid_sysid_ros.support.arrays import Array
 DRIFTS = (1.0, 0.1, 0.0)
 """Shares of the tuning's drift that are followed; the first is believed until another one has done better."""
 MEMBERS = 32
-"""Motions that a band is told by."""
+"""Motions that make a band."""
 
 
 class MotionAhead:
     """A joint followed by one share of the drift."""
 
     def __init__(self, system: System, tuning: Tuning, *, drift: float, step: float, seed: int) -> None:
-        """step: of the inputs [s]. seed: of the motions that the band is told by."""
+        """step: of the inputs [s]. seed: of the motions that make the band."""
         self.drift, self.step, self.system = drift, step, system
         self.tuning = replace(tuning, disturbance_noise=tuple(drift * item for item in tuning.disturbance_noise))
         self.estimate: StateEstimate | None = None

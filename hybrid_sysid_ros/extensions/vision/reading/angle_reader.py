@@ -51,7 +51,7 @@ class AngleReading:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeReading:
-    """What a picture says where the sprite may lie beside its pivot; all are NaN where that can't be told."""
+    """What a picture says where the sprite may lie beside its pivot; all are NaN where that is unknown."""
 
     angle: float
     """[rad]"""

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 
-SAMPLED = 40  # pictures by which it is told what stands still
+SAMPLED = 40  # pictures that show what stands still
 QUIET = 0.04  # pixels of 640: a motion that is no larger is left in, as to take it out costs sharpness
 CERTAIN = 2.5  # deviations of a measured motion: the same
 FARTHEST = 0.15  # widths: how far a camera may look elsewhere
@@ -87,7 +87,7 @@ class CameraMotion:
 
 def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | None = None) -> CameraMotion | None:
     """The camera's motion in a film, which is read several times; None where too little stands still in it to tell.
-    background (rows, columns): of layers that were learned before, beside which it is told; otherwise it is beside a
+    background (rows, columns): of layers that were learned before, beside which it is given; otherwise it is beside a
     picture of the film.
 
     Features of one picture are followed to each other one (Lucas and Kanade 1981, in pyramids), those that go together
@@ -102,7 +102,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
     chosen = set(np.linspace(0, count - 1, min(SAMPLED, count)).astype(int).tolist())
     few = [picture for number, (_, picture) in enumerate(film()) if number in chosen]
     if len({picture.shape for picture in few}) > 1:
-        return None  # which is told where it is read
+        return None  # which is reported where it is read
     reference = few[len(few) // 2]
     if background is not None:
         if background.shape != reference.shape:

@@ -33,7 +33,7 @@ PLAIN = 12  # counts, by which the pixels of a picture differ at least that show
 LEAP, RARE, LEAPS = 0.2, 3.0, 3
 """Share of all angles' range, and multiple of the turning points nine of ten of which are smaller, by which up to so
 many pictures in a row are off all of those around them: they show somebody who walks by."""
-OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
+OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is reported
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
 

@@ -23,7 +23,7 @@ CONCENTRATED = 3  # steps of concentration
 PLAIN = 1.5  # deviations of the noise, below which what is left of least squares has no outliers in it
 SURE = 3.0  # deviations, within which differences count in the end
 WHOLE = 0.9  # of a pixel's background, seen in a picture that tells its median
-HIDDEN = 0.05  # share of a pixel's background that must be seen, summed over the pictures, to be told
+HIDDEN = 0.05  # share of a pixel's background that must be seen, summed over the pictures, to be known
 
 
 @kernel

@@ -42,7 +42,7 @@ def steady_angles(
     """The angles of pictures at times (pictures,) [s] out of which a camera's motion was taken.
 
     Where the pivot stands they are those about it. Where it moves with the camera they are those that no place of the
-    sprite changes, and what stands must have told how the camera rolls. The deviation has what the two kinds of angles
+    sprite changes, and what stands must have shown how the camera rolls. The deviation has what the two kinds of angles
     differ by beyond their own deviations, and what the camera's motion is uncertain by; it is no less than what angles
     scatter by from picture to picture, as a codec moves what a picture shows as a whole, which no residual tells.
 

@@ -133,7 +133,7 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
     np.add.at(scores, blocks, (weights * difference)[:, None] * scaled)
     inverse = np.linalg.pinv(normal, rcond=1e-12)
     covariance = inverse @ (scores.T @ scores) @ inverse / np.outer(size, size)
-    # the shift is told at film time 0: shift - rate * centre
+    # the shift is stated at film time 0: shift - rate * centre
     to_zero = np.eye(4)
     to_zero[0, 1] = -centre
     everywhere = np.zeros(len(film), dtype=bool)
@@ -155,7 +155,7 @@ def bent(values: Array, slopes: Array, difference: Array, blocks: NDArray[np.int
     """By how much values (frames,) of a film are no linear function of a bag's, rms [rad]: what their squares and
     cubes explain of the difference (frames,) beyond the slopes (frames, 4) of what was fitted, in used frames.
 
-    A camera that looks from the side, a lens and a sensor that is not linear do this. It is told twice, by every other
+    A camera that looks from the side, a lens and a sensor that is not linear do this. It is found twice, by every other
     block of time, and what both tell counts: noise does not.
     """
     even = (values - values.mean()) / max(float(np.ptp(values)), 1e-12)

@@ -156,7 +156,7 @@ def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
 def contradictions(record: VideoRecord) -> Iterator[str]:
     """What is odd about the film's time: its pace, or a lamp that goes on at another time than the bag begins."""
     if record.onset is None:
-        yield "no lamp goes on in the film: its time is told by the motion alone"
+        yield "no lamp goes on in the film: its time follows from the motion alone"
     if (found := record.synchronisation) is None:
         return
     assert record.reference is not None
@@ -203,7 +203,7 @@ def _beside_the_axis(record: VideoRecord, found: Synchronisation, kind: MotionSo
 
 def at_rate(record: VideoRecord, rate: float) -> VideoRecord:
     """The same with positions at a rate of its own [Hz], between frames by a cubic spline, as the inputs that a model
-    needs between them are told more often than there are frames; what is faster than half the frames' rate is not
+    needs between them are given more often than there are frames; what is faster than half the frames' rate is not
     there.
 
     Raises UserError for a rate below that of the frames.

@@ -25,7 +25,7 @@ def test_a_camera_by_the_launch_file_is_that_of_a_run(launch_file: Any, more: di
     same(launched, Run(companions=[Vision()], priority=0, **asked).values)
 
 
-def test_the_nodes_know_what_they_are_told(launch_file: Any) -> None:
+def test_the_nodes_know_what_they_are_given(launch_file: Any) -> None:
     for node, values in launch_file.parameters(given(launch_file, camera="true", layers="mine")).items():
         known = configuration.parameters(RIG, node)
         assert all(known[name].checked(value) == value for name, value in values.items())

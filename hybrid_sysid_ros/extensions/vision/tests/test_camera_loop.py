@@ -18,7 +18,7 @@ RIG = load("cam_beam")
 SECOND, PERIOD, STEP = 1_000_000_000, 5_000_000, 1_000_000  # ns
 
 
-def test_the_nodes_know_what_they_are_told(tmp_path: Path) -> None:
+def test_the_nodes_know_what_they_are_given(tmp_path: Path) -> None:
     pytest.importorskip("PIL", reason="needs the extra video")
     found = camera_loop.parameters(RIG, tmp_path)
     for node, values in found.items():

@@ -1,4 +1,4 @@
-"""Films: pictures and times come back as they were written, and what is no film is told in a line."""
+"""Films: pictures and times come back as they were written, and what is no film is reported in a line."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_cut_film_is_refused(film: Path, tmp_path: Path) -> None:
         list(pictures(path))
 
 
-def test_a_film_that_is_not_there_and_a_folder_are_told(tmp_path: Path) -> None:
+def test_a_film_that_is_not_there_and_a_folder_are_reported(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such file"):
         list(pictures(tmp_path / "film.mp4"))
     with pytest.raises(UserError):

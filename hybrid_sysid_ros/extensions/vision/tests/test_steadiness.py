@@ -1,4 +1,4 @@
-"""What angles scatter by from picture to picture is told without what the joint does."""
+"""What angles scatter by from picture to picture is known without what the joint does."""
 
 from __future__ import annotations
 

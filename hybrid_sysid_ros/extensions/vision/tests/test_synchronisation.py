@@ -41,7 +41,7 @@ def test_shift_rate_scale_and_offset_come_back(seed: int) -> None:
 
 
 @pytest.mark.parametrize("side", [0.0, 0.5])
-def test_a_view_from_the_side_bends_the_angles_by_what_is_told(side: float) -> None:
+def test_a_view_from_the_side_bends_the_angles_by_what_is_reported(side: float) -> None:
     """A bar that is looked at from the side by s: tan(seen) = tan(true) / cos(s), about a true angle of .6 rad."""
     bag, film = _times(0.0, 40.0, 0.005), _times(0.5, 39.0, 1 / 30)
     noise = 7e-5 * np.random.default_rng(0).standard_normal(len(film))

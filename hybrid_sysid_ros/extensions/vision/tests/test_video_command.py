@@ -1,4 +1,4 @@
-"""hybrid-sysid video: a film becomes a bag; what is wrong with one is told in a line, and nothing is written."""
+"""hybrid-sysid video: a film becomes a bag; what is wrong with one is reported in a line, and nothing is written."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_positions_of_a_film_come_into_the_bag(video: Video, beam: Filmed, tmp_p
 @pytest.mark.parametrize(
     "pixels", [pytest.param(4, marks=pytest.mark.slow), 11]
 )  # two degrees of a view of 60 are 11 of 320
-def test_a_camera_that_looks_beside_is_told(video: Video, beam: Filmed, tmp_path: Path, pixels: int) -> None:
+def test_a_camera_that_looks_beside_is_reported(video: Video, beam: Filmed, tmp_path: Path, pixels: int) -> None:
     for axis in (0, 1):
         beside = _each(beam.frames, partial(np.roll, shift=pixels, axis=axis))
         refused(video(beside), "the camera was moved", "--learn")
@@ -104,7 +104,7 @@ def test_a_camera_that_looks_beside_is_told(video: Video, beam: Filmed, tmp_path
 
 
 @pytest.mark.slow
-def test_a_camera_that_was_turned_is_told_also_without_a_bag(video: Video, beam: Filmed, tmp_path: Path) -> None:
+def test_a_camera_that_was_turned_is_reported_also_without_a_bag(video: Video, beam: Filmed, tmp_path: Path) -> None:
     def turned(picture: Picture) -> Picture:
         return np.asarray(Image.fromarray(picture).rotate(2.0, resample=Image.Resampling.BILINEAR))
 
@@ -112,7 +112,7 @@ def test_a_camera_that_was_turned_is_told_also_without_a_bag(video: Video, beam:
     assert not (tmp_path / "out").exists()
 
 
-def test_a_film_that_hangs_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
+def test_a_film_that_hangs_is_reported(video: Video, beam: Filmed, tmp_path: Path) -> None:
     frames = list(beam.frames)
     for k in range(100, 120):
         frames[k] = (frames[k][0], frames[100][1])
@@ -120,24 +120,24 @@ def test_a_film_that_hangs_is_told(video: Video, beam: Filmed, tmp_path: Path) -
     assert not (tmp_path / "out").exists()
 
 
-def test_a_black_film_is_told(video: Video, beam: Filmed) -> None:
+def test_a_black_film_is_reported(video: Video, beam: Filmed) -> None:
     refused(video(_each(beam.frames, lambda picture: picture // 64)), "are black")
 
 
-def test_black_pictures_are_told_as_such(video: Video, beam: Filmed) -> None:
+def test_black_pictures_are_reported_as_such(video: Video, beam: Filmed) -> None:
     frames = [
         (time, picture if k < 100 or k >= 110 else 0 * picture + 16) for k, (time, picture) in enumerate(beam.frames)
     ]
     refused(video(frames), "is black, or shows no joint", "cut it there")
 
 
-def test_a_film_of_another_size_is_told_by_its_name(video: Video, beam: Filmed, tmp_path: Path) -> None:
+def test_a_film_of_another_size_is_reported_by_its_name(video: Video, beam: Filmed, tmp_path: Path) -> None:
     smaller = _each(beam.frames, lambda picture: picture[::2, ::2])
     refused(video(smaller), tmp_path / "film.mp4", "160x90", "320x180", "learn layers")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_film_whose_pictures_change_their_size_is_told(call: Callable[..., Answer], tmp_path: Path) -> None:
+def test_a_film_whose_pictures_change_their_size_is_reported(call: Callable[..., Answer], tmp_path: Path) -> None:
     """As where a phone is turned meanwhile."""
     path, grain = tmp_path / "film.mjpeg", np.random.default_rng(0)
     with path.open("wb") as written:
@@ -217,7 +217,7 @@ def test_times_that_a_film_rounds_are_no_other_rate(video: Video, beam: Filmed) 
 
 
 @pytest.mark.slow
-def test_a_film_whose_times_are_of_another_rate_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
+def test_a_film_whose_times_are_of_another_rate_is_reported(video: Video, beam: Filmed, tmp_path: Path) -> None:
     """25 pictures a second were written of a film of 30."""
     refused(video([(time * 30 / 25, picture) for time, picture in beam.frames]), "0.833 times as fast as the bag")
     assert not (tmp_path / "out").exists()
@@ -230,7 +230,7 @@ def test_a_head_with_another_rate_than_the_times_is_noted(video: Video, beam: Fi
 
 
 @pytest.mark.slow
-def test_another_bag_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
+def test_another_bag_is_reported(video: Video, beam: Filmed, tmp_path: Path) -> None:
     experiment(RIG, "multisine", tmp_path / "other", seed=9, duration=SECONDS, rate=200.0)
     refused(video(beam.frames, bag=tmp_path / "other"), tmp_path / "film.mp4", "motion is not the bag's")
     assert not (tmp_path / "out").exists()
@@ -238,7 +238,7 @@ def test_another_bag_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["wheel_motor", "flexible_joint"])
-def test_a_film_of_another_rig_is_told(video: Video, tmp_path: Path, name: str) -> None:
+def test_a_film_of_another_rig_is_reported(video: Video, tmp_path: Path, name: str) -> None:
     times: Array = np.arange(0.0, SECONDS, 0.001, dtype=np.float64)
     imager, angles = Imager(scene_of(load(name)), CAMERA), 0.1 * np.sin(2.0 * np.pi * 0.5 * times)
     frames = [(time, imager.take(time, times, angles)) for time in np.arange(0.1, SECONDS - 0.1, 1.0 / 15.0).tolist()]
