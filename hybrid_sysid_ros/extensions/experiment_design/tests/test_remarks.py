@@ -9,13 +9,13 @@ from scipy.signal import lfilter
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.extensions.experiment_design.remarks import leads, remarks_of
-from hybrid_sysid_ros.extensions.experiment_design.tests.test_design import NOISE, STEP, Lag, rig
+from hybrid_sysid_ros.extensions.experiment_design.tests.test_design import NOISE, STEP, ValveLag, rig
 from hybrid_sysid_ros.support.arrays import Array
 
 
 def recorded(inputs: Array) -> Record:
     """Of a lag that begins at rest."""
-    states = simulate(Lag(), np.zeros(1), inputs[1:, None], step=STEP)
+    states = simulate(ValveLag(), np.zeros(1), inputs[1:, None], step=STEP)
     noise = NOISE * np.random.default_rng(0).normal(size=states.shape)
     times = np.arange(len(inputs), dtype=np.float64) * STEP
     return Record(name="lag", time=times, input=inputs[:, None], output=states + noise)
