@@ -1,16 +1,12 @@
-"""Extensions: the one of docs/extend.md as a package of its own, bad ones, and the trunk without any of ours."""
+"""Extensions: the one of docs/extend.md as a package of its own, and bad ones."""
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -21,15 +17,11 @@ from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedL
 from hybrid_sysid_ros.runtime.session import has_ros
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.extensions import HOME, Extension
+from tests.apart import COMMANDS, END, ROOT, Apart, apart_in
 
-ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "hybrid_sysid_ros"
 PAGE = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r'^```\w+ title="([^"]+)"\n(.*?)^```$', PAGE, re.M | re.S))
 BAG = ROOT / "bags" / "beam_multisine"
-OURS = sorted(path.parent.name for path in HOME.glob("*/extension.py"))
-Apart = Callable[..., "subprocess.CompletedProcess[str]"]
 Here = Callable[..., tuple[int, str, str]]
 
 
@@ -47,18 +39,7 @@ def offer(place: Path, name: str, target: str, **files: str) -> None:
 
 @pytest.fixture
 def apart(tmp_path: Path) -> Apart:
-    """A command line, or Python code, in a process that finds the packages in tmp_path / "site"."""
-
-    def called(*words: str | Path, code: str = "", lines: Sequence[str] = ()) -> subprocess.CompletedProcess[str]:
-        path = os.pathsep.join(map(str, (tmp_path / "site", ROOT)))
-        program = ["-c", code] if code else ["-m", "hybrid_sysid_ros"]
-        return subprocess.run(
-            [sys.executable, *program, *map(str, words)],
-            capture_output=True, text=True, cwd=tmp_path, timeout=600,
-            env={**os.environ, "PYTHONPATH": path, "COLUMNS": "200", "LINES": "\n".join(lines)},
-        )  # fmt: skip
-
-    return called
+    return apart_in(tmp_path)
 
 
 @pytest.fixture
@@ -98,20 +79,6 @@ def heating(tmp_path: Path) -> Path:
     return tmp_path / "sled"
 
 
-END = "--- end ---\n"
-COMMANDS = f"""
-import os, sys
-from hybrid_sysid_ros.commands import app
-for line in os.environ["LINES"].splitlines():
-    sys.argv = ["hybrid-sysid", *line.split()]
-    try:
-        app.main()
-    except SystemExit as end:
-        if end.code:
-            raise
-    print({END.strip()!r}, flush=True)
-"""
-"""Command lines one after another, in one process that compiles and imports once."""
 REPORT = """
 from hybrid_sysid_ros import models, report
 from hybrid_sysid_ros.rigs.rig import load
@@ -387,93 +354,3 @@ def test_a_companion_tells_a_recorder_only_where_there_is_one() -> None:
     join(RequestedLoop(rig="", recorded=True), values, [Pushing("a", 1.0)])
     assert values["recorder"] == {"further": "push"}
     assert Pushing("a", 1.0).nodes(RequestedLoop(rig="")) == {"a"}
-
-
-# The trunk alone
-
-ALONE = """
-import importlib.util
-from hybrid_sysid_ros.rigs import folder, rig
-from hybrid_sysid_ros.support import extensions
-assert not {away} & {{item.name for item in extensions.installed()}}
-for name in {away}:
-    assert importlib.util.find_spec(f"hybrid_sysid_ros.extensions.{{name}}") is None
-for name in folder.names():
-    rig.load(name)
-for module in {modules}:
-    importlib.import_module(module)
-for item in extensions.registry().extensions:  # those that are left need none that is not there
-    for target in (target for names in item.provides.values() for target in names.values() if target):
-        extensions.loaded(target)
-    for module in (*(module for module, _ in item.commands.values()), *({ros} and item.nodes.values() or ())):
-        importlib.import_module(module)
-assert not extensions.registry().problems
-"""
-
-
-def trunk_modules() -> list[str]:
-    """Those of the trunk that need nothing but what any install has; its nodes, too, where there is ROS."""
-    late = re.compile(r"(report/(charts|\w*figures))\.py")
-    files = [path.relative_to(PACKAGE) for path in PACKAGE.glob("*/**/*.py")]
-    files += [Path("nodes") / path.name for path in (ROOT / "nodes").glob("*.py")] if has_ros() else []
-    kept = [path for path in files if not {"extensions"} & {*path.parts} and not late.fullmatch(str(path))]
-    return sorted(
-        {f"hybrid_sysid_ros.{'.'.join(path.with_suffix('').parts)}".removesuffix(".__init__") for path in kept}
-    )
-
-
-HELP = ("--help", "run --help", "demo --help", "parameters")
-
-
-@pytest.fixture
-def without(tmp_path: Path, apart: Apart) -> Callable[..., str]:
-    """What command lines print, and code after them, where the folders of some extensions were taken away."""
-
-    def printed(away: list[str], *lines: str, modules: Sequence[str] = ()) -> str:
-        package = tmp_path / "site" / "hybrid_sysid_ros"
-        shutil.rmtree(package, ignore_errors=True)  # links
-        (package / "extensions").mkdir(parents=True)
-        for path in PACKAGE.iterdir():
-            if path.name not in ("extensions", "__pycache__"):
-                (package / path.name).symlink_to(path.resolve() if path.name == "nodes" else path)
-        for path in HOME.iterdir():
-            if path.name not in (*away, "__pycache__"):
-                (package / "extensions" / path.name).symlink_to(path)
-        found = apart(code=COMMANDS + ALONE.format(away={*away}, modules=modules, ros=has_ros()), lines=lines)
-        assert (found.returncode, found.stderr) == (0, ""), (away, found.stderr)
-        return found.stdout
-
-    return printed
-
-
-@pytest.mark.slow
-def test_the_rest_works_without_one(without: Callable[..., str]) -> None:
-    for name in OURS:
-        assert "hybrid-sysid" in without([name], *HELP)
-
-
-def test_the_trunk_works_alone(without: Callable[..., str]) -> None:
-    printed = without(OURS, *HELP, "rig check cam_beam", modules=trunk_modules())
-    assert "cam_beam: no problems" in printed
-    sections = {name: item.name for item in extensions.installed() for name in item.provides.get("sections", ())}
-    reported = set(re.findall(r"^note: (\w+): no extension", printed, re.M))
-    known = yaml.safe_load((PACKAGE / "rigs" / "cam_beam" / "rig.yaml").read_text(encoding="utf-8"))
-    assert reported == {name for name, owner in sections.items() if owner in OURS and name in known}
-
-
-def test_sections_of_ours_are_known_without_them() -> None:
-    from hybrid_sysid_ros.rigs.rig import OF_EXTENSIONS
-
-    ours: dict[str, Any] = {item.name: item for item in extensions.installed() if item.name in OURS}
-    found = {name for item in ours.values() for name in item.provides.get("sections", ())}
-    assert found <= set(OF_EXTENSIONS)
-
-
-def test_every_name_in_a_manifest_leads_somewhere() -> None:
-    item: Extension
-    for item in extensions.registry().extensions:
-        for name, target in ((name, target) for names in item.provides.values() for name, target in names.items()):
-            assert not target or callable(extensions.loaded(target)), name
-        modules = [*(module for module, _ in item.commands.values()), *item.nodes.values()]
-        for module in modules:
-            assert (ROOT / f"{module.replace('.', '/')}.py").is_file(), module
