@@ -12,15 +12,14 @@ SECTIONS = (
 
 NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
-    "driver": ("rig driver",), "ensemble": ("ensemble",), "export": ("model export", "policy export", "export"),
-    "friction_atlas": ("friction", "--beside"), "input_bias": ("--adapt",), "trained_range": ("trained-range",),
-    "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"),
+    "driver": ("rig driver",), "ensemble": ("ensemble",), "experiment_design": ("design",),
+    "export": ("model export", "policy export", "export fmu", "export loop"),
+    "frequency_response": ("frequency-response",), "friction_atlas": ("friction", "--beside"),
+    "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"), "input_bias": ("--adapt",),
     "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
-    "promotion": ("promote",),
-    "experiment_design": ("design",), "record_check": ("check-record",), "recurrent": ("recurrent",),
-    "search": ("search",),
-    "state_space": ("state_space",), "trim": ("trim",),
+    "promotion": ("promote",), "record_check": ("check-record",), "recurrent": ("recurrent",), "search": ("search",),
+    "state_space": ("state_space",), "trained_range": ("trained-range",), "trim": ("trim",),
     "view": ("view", "rig layouts", "--view", "--port"),
     "vision": ("film", "video", "camera", "vision", "--camera", "--layers", "--picture"),
 }  # fmt: skip
