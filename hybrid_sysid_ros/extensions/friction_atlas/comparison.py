@@ -49,20 +49,9 @@ def _compared(
     ]
     velocity, figures = model.system.states[velocity_of(model.system)], []
     if drawn:
-        import plotly.graph_objects as go
+        from hybrid_sysid_ros.extensions.friction_atlas.report.figures import friction
 
-        from hybrid_sysid_ros.report.charts import LINES, dress
-
-        figure = go.Figure()
-        dress(figure, 300)
-        for colour, (called, curve) in zip(LINES, curves.items(), strict=False):
-            line = {"color": colour, "width": 1.8}
-            figure.add_scatter(
-                x=curve.speeds, y=curve.inputs, name=called, mode="lines", line=line, hovertemplate="%{y:.4f}"
-            )
-        figure.update_xaxes(title=f"{velocity.name} [{velocity.unit}]")
-        figure.update_yaxes(title=f"{item.name} [{item.unit}]", rangemode="tozero")
-        figures = [figure]
+        figures = [friction(curves, velocity, item)]
     section = FurtherSection(
         title=f"Friction over speed, in units of {item.name} [{item.unit}]",
         text="Friction as the input that it takes: half of what lies between the inputs that keep a speed and its "

@@ -47,13 +47,13 @@ def _inspected(seconds: float, model: Model, records: Sequence[tuple[Record, Par
         raise UserError(f"{error}: leave out --adapt") from error
     units = [f"{item.name} [{item.unit}]" for item in rig.system.inputs]
     several = len(rig.system.outputs) > 1
-    error = "RMSE" if several else f"RMSE [{rig.display[0].unit}]"
+    rmse = "RMSE" if several else f"RMSE [{rig.display[0].unit}]"
     headings = ("record", *(["output"] if several else []), *(f"bias of {name}" for name in units), "held")
     section = FurtherSection(
         title=f"Free run after {seconds:g} s, without and with the bias of those {seconds:g} s",
         text="A constant bias of each input, estimated over the first seconds of a record only; then a free run over "
         "the rest of it, from the same state and on the same samples without and with the bias.",
-        headings=(*headings, "R2 without", error, "R2 with", error),
+        headings=(*headings, "R2 without", rmse, "R2 with", rmse),
         rows=list(_rows(found, rig, several)),
     )
     content = {name: run.content(model.system) for name, run in found.items()}

@@ -1,0 +1,1 @@
+"""What this extension adds to reports."""
