@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
@@ -15,6 +16,7 @@ from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import bench, held_levels, linear_run, record_of
 from tests.one_joint import Linear
@@ -25,19 +27,20 @@ FAST = Sampling(step=0.001, period=0.045)
 
 
 def test_a_simulated_beam_gives_its_parameters_back(simulated_records, rig):
-    """All within three standard errors where there is noise, which is what those count; without any the fit ends where
-    sticking begins or ends a sample too late, at .2 % of the output: then within two percent. Those that shape every
-    motion.
+    """Those that shape every motion within two percent; without noise the fit ends where sticking begins or ends a
+    sample too late, at .2 % of the output. With noise 90 % intervals hold, but not all: sticking makes the cost jagged,
+    and where a fit ends in one of its corners the interval is as short as the corner is sharp.
     """
     model = identify(simulated_records, rig, "gray", sampling=FAST)
     noisy = min(scores["r2"] for scores in model.scores.values()) < 0.9999
+    errors = {name: getattr(model.system, name) - getattr(rig.system, name) for name in model.standard_errors}
     if noisy:
-        for name, error in model.standard_errors.items():
-            assert abs(getattr(model.system, name) - getattr(rig.system, name)) < 3 * error, name
+        held = [abs(errors[name]) < 1.645 * error for name, error in model.standard_errors.items()]
+        assert np.mean(held) >= 0.8
     for name in ("gain", "damping", "coulomb"):
-        assert getattr(model.system, name) == pytest.approx(getattr(rig.system, name), rel=0.1 if noisy else 0.02)
+        assert getattr(model.system, name) == pytest.approx(getattr(rig.system, name), rel=0.02)
     assert model.system.named["centre"] == pytest.approx(rig.system.named["centre"], abs=0.02 if noisy else 0.002)
-    assert model.system.delay == pytest.approx(rig.system.delay, abs=0.003 if noisy else 0.0005)
+    assert model.system.delay == pytest.approx(rig.system.delay, abs=0.0005)
     assert all(scores["r2"] > (0.995 if noisy else 0.99998) for scores in model.scores.values())
 
 
@@ -77,13 +80,16 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
     experiment = prepare(record, rig.system, Sampling())
     # Errors are taken as RELATIVE_ERROR of the deviation, one independent observation in CORRELATION_SECONDS.
     weight = 1 / (RELATIVE_ERROR * np.std(experiment.outputs) * np.sqrt(CORRELATION_SECONDS / 0.05))
-    spread = IdentificationProblem(rig.system, [experiment]).nuisance_units
+    problem = IdentificationProblem(rig.system, [experiment])
+    spread, lead = problem.nuisance_units, problem.lead
+    assert lead == 1  # the sample before which the delayed inputs are not known; here they are as at first
 
     def errors(point):
         stiff, gain, offset, damping, delay = point[:5]
         reported = np.array([gain, -offset / gain, -stiff, damping, delay])
-        run = linear_run(reported, u[: len(experiment.inputs), 0], experiment.states[0] + point[5:], 0.005)
-        return np.concatenate([weight * (run[::10, 0] - experiment.outputs[:, 0]), point[5:] / spread])
+        first = experiment.states[lead] + point[5:]
+        run = linear_run(reported, u[10 * lead : len(experiment.inputs), 0], first, 0.005)
+        return np.concatenate([weight * (run[::10, 0] - experiment.outputs[lead:, 0]), point[5:] / spread])
 
     start = np.append(ENTRIES, [0.0, 0.0])
     best = least_squares(
@@ -103,15 +109,16 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
     assert np.all(np.abs(model.system.values - ENTRIES) < 3 * robust)
 
 
-def test_the_prior_of_a_first_state_is_no_narrower_than_what_the_record_shows_of_it(rig):
-    """A record that begins with a jump of the input shows its first speed badly; a narrower prior bends parameters."""
-    u = held_levels(5, 4001, hold=60)
-    x = linear_run(TRUTH, u[:-1, 0], np.zeros(2), 0.005)
-    y = x[:, :1] + np.random.default_rng(2).normal(size=(len(x), 1)) * 0.01 * x[:, 0].std()
-    prepared = prepare(record_of(u, y, 0.005), rig.system, Sampling())
-    assert prepared.deviations is not None
-    assert prepared.deviations[1] > 0.1 * np.std(prepared.states[:, 1])
-    assert np.all(IdentificationProblem(rig.system, [prepared]).nuisance_units >= prepared.deviations)
+def test_a_jump_at_the_start_of_a_record_bends_no_parameter(rig, tmp_path):
+    """An experiment starts with a jump from rest, and the delay lets the rest before act on its first samples."""
+    records = []
+    for kind in ("multisine", "random_steps"):
+        plain = dataclasses.replace(rig, content={**rig.content, "nodes": {"plant": {"bias": [0.0]}}})
+        simulate_experiment(plain, kind, tmp_path / kind, seed=5000, duration=20.0, rate=1000.0)
+        records.append(bags.read(tmp_path / kind, rig.signals))
+    model = identify(records, rig, "gray", sampling=dataclasses.replace(FAST, period=0.05))
+    errors = {name: model.system.named[name] / rig.system.named[name] - 1.0 for name in ("gain", "damping", "coulomb")}
+    assert all(abs(error) < 0.02 for error in errors.values()), errors
 
 
 def test_a_parameter_that_is_held_stays_where_it_is(linear_bench):

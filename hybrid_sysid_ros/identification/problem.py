@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any
@@ -80,6 +81,14 @@ class FitProblem:
         self._carried = [np.zeros((item.samples, len(self.hidden))) for item in experiments]
         first_states = [shown_start(system, item) for item in experiments]
         self._first, self.moved_states = [state for state, _ in first_states], first_states[0][1]
+        self.lead = 0
+        """Samples of each record that only show the inputs: those before it, which a delay lets act on its first
+        samples, are in no record, and what they did would bend the parameters.
+        """
+        if self.sampling.initial == "estimated" and not self.hidden:
+            most = min(item.samples for item in experiments) // 2
+            self.lead = min(math.ceil(np.max(system.input_delays, initial=0.0) / self.sampling.period), most)
+            self._first = [item.states[self.lead].copy() for item in experiments]
         units = self._units()
         self.nuisance_units = np.array([self._sizes.get(i, float(units[i])) for i in self.moved_states])
         """Prior deviation of each fitted initial state; record i has the value point[shared + state * records + i]."""
@@ -179,16 +188,13 @@ class FitProblem:
 
     def _units(self) -> Array:
         """Prior deviations (states,) of initial states from what the records show: they count like the errors, of which
-        CORRELATION_SECONDS are one observation, and are at most a share of the state's deviation, but never less than
-        what the records leave open: a speed that begins with a jump is badly known, and what it is off would bend
-        the parameters.
+        CORRELATION_SECONDS are one observation, and are at most a share of the state's deviation.
         """
         states = np.concatenate([item.states for item in self.experiments])
         most = np.maximum(INITIAL_SPREAD * np.std(states, axis=0), 1e-9)
         shown = [most if item.deviations is None else item.deviations for item in self.experiments]
         share = np.sqrt(max(CORRELATION_SECONDS / self.sampling.period, 1.0))
-        known = np.sqrt(np.mean(np.square(shown), axis=0))
-        return np.asarray(np.clip(share * known, np.maximum(known, 1e-9), np.maximum(known, most)))
+        return np.asarray(np.clip(share * np.sqrt(np.mean(np.square(shown), axis=0)), 1e-9, most))
 
     def with_hidden_starts(self, point: Array, horizon: int | None) -> Array:
         """A point whose initial states of what no record shows are those of the rule of starts, if they fit better."""
@@ -217,11 +223,12 @@ class FitProblem:
         starts, states, outputs, offset, edges = [], [], [], 0, [0]
         given = zip(self.first_steps, self.experiments, self._carried, self._first, strict=True)
         for first, experiment, carried, start in given:
-            length = experiment.samples - 1 if horizon is None else min(horizon, experiment.samples - 1)
-            for begin in range(0, experiment.samples - length, length):
+            length = experiment.samples - 1 - self.lead
+            length = length if horizon is None else min(horizon, length)
+            for begin in range(self.lead, experiment.samples - length, length):
                 starts.append((first, first + begin * self.sampling.every, length + 1, offset))
-                state = experiment.states[begin].copy() if begin else start
-                if begin:
+                state = experiment.states[begin].copy() if begin > self.lead else start
+                if begin > self.lead:
                     state[self.hidden] = carried[begin]
                 states.append(state)
                 outputs.append(experiment.outputs[begin : begin + length + 1])
