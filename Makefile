@@ -3,6 +3,7 @@
 #   make newest            some tests with the newest release of every dependency; make oldest: with the oldest allowed
 #   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
 #   make demo CAMERA=1     films the rig and closes the loop by a camera alone, into out/demo_camera
+#   make demo BODY=m7      closes the loop by a microcontroller in the emulator, into out/demo_m7 (docs: microcontrollers)
 #   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
 #   make PYTHON=python3.12 another interpreter, where python3 is too old or too new; a .venv of another one is made anew
 PYTHON ?= python3
@@ -11,8 +12,8 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PACKAGE := pyproject.toml setup.py setup.cfg package.xml
 TRAINED := $(filter-out 0,$(TRAIN))
 FILMED := $(filter-out 0,$(CAMERA))
-OUT := out/demo$(if $(FILMED),_camera)$(if $(RIG),_$(notdir $(RIG:/=)))
-DEMO := $(if $(RIG)$(FILMED),$(BIN)/hybrid-sysid demo$(if $(FILMED), --camera)$(if $(RIG), --rig $(RIG)),$(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo)) --overwrite
+OUT := out/demo$(if $(FILMED),_camera)$(if $(BODY),_$(BODY))$(if $(RIG),_$(notdir $(RIG:/=)))
+DEMO := $(if $(RIG)$(FILMED)$(BODY),$(BIN)/hybrid-sysid demo$(if $(FILMED), --camera)$(if $(BODY), --body $(BODY))$(if $(RIG), --rig $(RIG)),$(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo)) --overwrite
 
 # A sourced ROS, or the wheels of another environment, must not leak into .venv.
 ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import shutil
 import subprocess
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -20,6 +21,7 @@ from rich.table import Table
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.extensions.export import compiler
+from hybrid_sysid_ros.extensions.export.board.folder import BOARDS, export_board, missing_tools
 from hybrid_sysid_ros.extensions.export.unit.built import BuiltUnit, build
 from hybrid_sysid_ros.extensions.export.unit.folder import export_loop
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
@@ -33,6 +35,8 @@ NAME = "bodies"
 RIGS = ("cam_beam", "drill_string", "flexible_joint", "wheel_motor", "winged_cone")
 PERIODS = 1000
 ASKED = {"difference": 1e-9, "step_p99": 60e-6, "image": 300_000, "export": 30.0}
+ASKED_OF_BOARDS = {"m7": {"difference": 1e-9, "most": 350_000, "flash": 300_000}, "m4": {"most": 500_000}}
+"""Of the supervised beam: largest difference, instructions of a period behind the first, bytes of flash."""
 """Largest difference, and for the beam the p99 of a step [s], bytes of its image and the time of its export [s]."""
 BEAM = "cam_beam, supervised"
 
@@ -74,6 +78,36 @@ def body(rig_name: str, settings: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def on_boards(rig_name: str, settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """What the emulator finds of one loop on each board, by its name; "refused" where it can't be exported."""
+    rig, model, found = load(rig_name), load_model(shipped(rig_name, "model")), dict[str, dict[str, Any]]()
+    for board in BOARDS:
+        with TemporaryDirectory() as scratch:
+            try:
+                _, run = export_board(rig, model, Path(scratch) / "board", board=board, settings=settings, seal="")
+            except UserError as error:
+                found[board] = {"refused": str(error)}
+                continue
+        found[board] = {"refused": "no emulator"} if run is None else asdict(run)
+    return found
+
+
+def _boards_table(found: dict[str, Any]) -> Table:
+    shown = Table(
+        "loop", "board", "difference", "first", "median", "99 %", "most", "flash [kB]", "memory [kB]",
+        title="Loops on boards, in the emulator: thousand instructions of a period",
+    )  # fmt: skip
+    for name, row in found.items():
+        for board, run in row.get("boards", {}).items():
+            if "refused" in run:
+                shown.add_row(name, board, run["refused"])
+                continue
+            counts = (f"{run[key] / 1e3:.0f}" for key in ("first", "median", "percentile", "most"))
+            sizes = (f"{run[key] / 1e3:.0f}" for key in ("flash", "ram"))
+            shown.add_row(name, board, f"{run['difference']:.1e}", *counts, *sizes)
+    return shown
+
+
 def _sections(objects: list[Path]) -> float:
     """Bytes of code and constants of object files; NaN where size is not installed."""
     if shutil.which("size") is None:
@@ -95,6 +129,7 @@ def main() -> int:
     for name, (rig, settings) in cases.items():
         try:
             found[name] = row = body(rig, settings)
+            row["boards"] = {} if missing_tools() else on_boards(rig, settings)
         except UserError as error:
             found[name] = {"refused": str(error)}
             print(f"{name}: {error}")
@@ -107,11 +142,15 @@ def main() -> int:
             f"{row['export']:.1f}",
         )
     print_table(shown)
+    print_table(_boards_table(found))
     short = [name for name, row in found.items() if not row.get("difference", math.inf) <= ASKED["difference"]]
     beam = found[BEAM]
     short += [key for key in ("step_p99", "image", "export") if not beam.get(key, math.inf) <= ASKED[key]]
+    for board, asked in ASKED_OF_BOARDS.items():
+        run = beam.get("boards", {}).get(board, {})
+        short += [f"{board}_{key}" for key, most in asked.items() if not run.get(key, math.inf) <= most]
     print(f"short: {', '.join(short) or 'none'}")
-    print(result.write(NAME, {"loops": found, "asked": ASKED, "short": len(short)}, on=machine))
+    print(result.write(NAME, {"loops": found, "asked": {**ASKED, **ASKED_OF_BOARDS}, "short": len(short)}, on=machine))
     return 0
 
 

@@ -19,6 +19,7 @@ EXTENSION = Extension(
     provides={
         "companions": {"board": f"{HERE}.board.companion:companion"},
         "controllers": {"board": f"{HERE}.board.driving:controller"},
+        "demos": {"board": f"{HERE}.commands.board_demo:instead"},
         "exporters": {
             "fmu": f"{HERE}.fmu.export:export_given",
             "loop": f"{HERE}.unit.folder:export_given",

@@ -60,7 +60,10 @@ class BoardRun:
     """Largest one of the first inputs from Python's, over the recorded periods."""
     wrong: int
     """Periods beyond the tolerance."""
+    first: int
+    """Of the first period, which begins from nothing."""
     median: int
+    """Of the others, as the next two."""
     percentile: int
     """Below it are 99 of 100."""
     most: int
@@ -143,20 +146,22 @@ def write_sources(folder: Path, done: UnitExport, board: BoardFamily) -> None:
 
 def run(folder: Path) -> BoardRun:
     """Build a folder and replay its periods in the emulator. Raises UserError where a tool fails."""
-    text = _make(folder, "run")
-    sections = _make(folder, "size").splitlines()[-1].split()
+    text = make(folder, "run")
+    sections = make(folder, "size").splitlines()[-1].split()
     answers = re.search(r"(\d+) of \d+ periods wrong, largest difference (\S+),", text)
-    counted = re.search(r"median (\d+), 99 % (\d+), most (\d+)", text)
+    counted = re.search(r"first (\d+), then median (\d+), 99 % (\d+), most (\d+)", text)
     if answers is None or counted is None:
         raise UserError(f"{folder}: the emulator says {text.strip()[-200:]!r}")
-    median, percentile, most = map(int, counted.groups())
+    first, median, percentile, most = map(int, counted.groups())
     return BoardRun(
-        wrong=int(answers[1]), difference=float(answers[2]), median=median, percentile=percentile, most=most,
+        wrong=int(answers[1]), difference=float(answers[2]), first=first, median=median, percentile=percentile,
+        most=most,
         flash=int(sections[0]) + int(sections[1]), ram=int(sections[1]) + int(sections[2]),
     )  # fmt: skip
 
 
-def _make(folder: Path, goal: str) -> str:
+def make(folder: Path, goal: str) -> str:
+    """What the Makefile of a folder says of a goal. Raises UserError where it fails."""
     command = ["make", "--silent", goal]
     try:
         done = subprocess.run(

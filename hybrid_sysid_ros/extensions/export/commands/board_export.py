@@ -48,6 +48,6 @@ def command(
         return
     console.print(
         f"{out}: {periods} recorded periods on the Cortex-{core} as in Python, inputs to {found.difference:.1e}; "
-        f"instructions of a period: median {found.median}, most {found.most}; flash {found.flash} bytes, memory "
-        f"{found.ram} bytes"
+        f"instructions of a period: first {found.first}, then median {found.median}, most {found.most}; "
+        f"flash {found.flash} bytes, memory {found.ram} bytes"
     )

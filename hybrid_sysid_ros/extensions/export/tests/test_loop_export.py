@@ -3,12 +3,14 @@
 import json
 import os
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.extensions.export import compiler
+from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.unit import daqp_source, folder, stack_use
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.unit import affine_initial_states
@@ -16,6 +18,9 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.errors import UserError
 
+FUZZ = Path(__file__).with_name("loop_fuzz.c")
+FUZZED = 20_000
+"""Calls; the program makes a million without an argument."""
 COMPILER = compiler.found() or ""
 needs_compiler = pytest.mark.skipif(not COMPILER, reason="needs a C compiler: cc, gcc or clang")
 
@@ -102,6 +107,14 @@ def test_the_beam_s_loop_in_c_is_that_of_python(tmp_path, driver):
     ran = subprocess.run([str(tmp_path / "a.out")], capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
     assert f"0 of {folder.SHOWN} periods wrong" in ran.stdout
+    bounds = {"low": "-10.0", "high": "10.0", "period": "0.005"}  # of the beam's motor [V], and between samples [s]
+    fuzz = Text(FUZZ.read_text()).substitute(name=name, NAME=name.upper(), about="", **bounds)
+    (tmp_path / "fuzz.c").write_text(fuzz)
+    made = [own[0], str(tmp_path / "fuzz.c"), *objects, "-lm", "-o", "fuzz"]
+    subprocess.run([COMPILER, "-std=c99", "-O1", *sanitized, *common, *made], cwd=tmp_path, check=True)
+    asked = [str(tmp_path / "fuzz"), str(FUZZED)]
+    ran = subprocess.run(asked, capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
     as_cpp = [COMPILER, "-x", "c++", "-std=c++11", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", *common, own[0]]
     assert os.path.exists(own[0])
     subprocess.run(as_cpp, check=True)
