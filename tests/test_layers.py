@@ -30,12 +30,12 @@ LAYERS = [  # from the bottom up; a room (folder of the package) imports from th
 DOORS = {("__init__", room) for room in ("library", "bags", "rigs", "support")}
 """What the package offers by its own name, once somebody asks for it."""
 ROS = re.compile(r"(rcl\w*|ros2\w*|rosbag2\w*|rosidl\w*|ament_\w+|tf2_\w+|\w+_msgs|\w+_interfaces|std_srvs)")
-NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*")
-"""Files that may import ROS."""
+NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*|extensions/native/rig_text\.py")
+"""Files that may import ROS. The last prints what the nodes say of their topics, and is imported where it is used."""
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
     "torch": re.compile(r"extensions/(policies/(network|training)|recurrent/training)\.py"),
-    "casadi": re.compile(r"(core/\w+|extensions/ipopt/interior_point)\.py"),
+    "casadi": re.compile(r"(core/\w+|extensions/(ipopt/interior_point|export/simulation/simulation))\.py"),
     "sysidentpy": re.compile(r"extensions/narx/term_selection\.py"),
     "optuna": re.compile(r"extensions/search/(study|database)\.py"),
     "joblib": re.compile(r"extensions/shared/parallel\.py"),
