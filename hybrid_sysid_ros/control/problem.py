@@ -20,7 +20,7 @@ from hybrid_sysid_ros.support.errors import UserError, known
 from hybrid_sysid_ros.support.structured import numbers
 
 _PER_OUTPUT = ("output_weights", "output_scales")
-_PER_INPUT = ("rate_weights", "input_weights", "input_low", "input_high", "rate_limits")
+_PER_INPUT = ("rate_weights", "input_weights", "input_rest", "input_low", "input_high", "rate_limits")
 _PER_STATE = ("state_low", "state_high", "soft_linear", "soft_quadratic")
 _POSITIVE = ("horizon", "period", "substeps", "max_iterations", "output_scales", "soft_quadratic", "rate_limits")
 _WHOLE = ("horizon", "substeps", "max_iterations")
@@ -33,7 +33,7 @@ class ControlProblem:
 
     Minimise
         sum_{i=1}^{N}    sum_k output_weights_k ((y_ik - q_ik) / output_scales_k)^2
-      + sum_{i=0}^{N-1}  sum_j rate_weights_j (u_ij - u_{i-1,j})^2 + input_weights_j u_ij^2
+      + sum_{i=0}^{N-1}  sum_j rate_weights_j (u_ij - u_{i-1,j})^2 + input_weights_j (u_ij - input_rest_j)^2
       + sum_{i=1}^{N}    sum_a soft_linear_a s_ia + soft_quadratic_a s_ia^2
 
     and the terms of each stage (:class:`~.terms.StageTerm`), with x_{i+1} = step(x_i, u_i + d),
@@ -61,6 +61,8 @@ class ControlProblem:
     """(m,) of changes [1/unit^2]."""
     input_weights: Numbers = (0.0,)
     """(m,) [1/unit^2]."""
+    input_rest: Numbers = (0.0,)
+    """(m,), inputs that cost nothing, such as those at an operating point."""
     rate_limits: Numbers = (math.inf,)
     """(m,), largest change from one interval to the next."""
     state_low: Numbers = (-math.inf,)
@@ -113,7 +115,7 @@ class ControlProblem:
         for name in _WHOLE:
             if not isinstance(getattr(self, name), int):
                 raise UserError(f"mpc: {name} is {getattr(self, name)!r}; it must be a whole number")
-        for name in (*_POSITIVE, *_NOT_NEGATIVE, "input_low", "input_high"):
+        for name in (*_POSITIVE, *_NOT_NEGATIVE, "input_rest", "input_low", "input_high"):
             values = np.atleast_1d(getattr(self, name))
             sound = values > 0.0 if name in _POSITIVE else values >= (0.0 if name in _NOT_NEGATIVE else -math.inf)
             if not np.all(sound & (np.isfinite(values) | (name == "rate_limits"))):
@@ -209,12 +211,13 @@ class ControlProblem:
         if self.final_output_weights and stages == self.horizon:
             outputs[-1] = np.array(self.final_output_weights) / np.array(self.output_scales) ** 2
         terms, none = self.terms, np.zeros(outputs.shape)
-        margins = np.array(self.state_margins).T if self.state_margins and stages == self.horizon else 0.0
+        margins = np.array(self.state_margins).T.copy() if self.state_margins and stages == self.horizon else 0.0
         return StageWeights(
             outputs=np.hstack([outputs, *(self._staged(term, term.weight, 0.0, lengths) for term in terms)]),
             prices=np.hstack([none, *(self._staged(term, term.price, 0.0, lengths) for term in terms)]),
             rates=np.tile(self.rate_weights, (stages, 1)),
             inputs=np.tile(self.input_weights, (stages, 1)),
+            rest=np.array(self.input_rest),
             low=np.where(counts, np.array(self.state_low) + margins, -math.inf),
             high=np.where(counts, np.array(self.state_high) - margins, math.inf),
             linear=np.array(self.soft_linear),

@@ -29,7 +29,9 @@ class StageWeights(Shared):
     rates: Array
     """Weights of squared changes, (stages, m)."""
     inputs: Array
-    """Weights of squared inputs, (stages, m)."""
+    """Weights of the inputs' squared distances from ``rest``, (stages, m)."""
+    rest: Array
+    """(m,)."""
     low: Array
     """Lower bounds of the states, (stages, n); -inf: none."""
     high: Array
@@ -58,8 +60,8 @@ def stage_cost(weights: Any, i: int, y: Any, q: Any, u: Any, before: Any, x: Any
         error = y[k] - q[k]
         cost += weights.outputs[i, k] * error * error
     for j in range(u.shape[0]):
-        change = u[j] - before[j]
-        cost += weights.rates[i, j] * change * change + weights.inputs[i, j] * u[j] * u[j]
+        change, away = u[j] - before[j], u[j] - weights.rest[j]
+        cost += weights.rates[i, j] * change * change + weights.inputs[i, j] * away * away
     for a in range(x.shape[0]):
         s = excess(weights, i, a, x[a])
         cost += (weights.linear[a] + weights.quadratic[a] * s) * s

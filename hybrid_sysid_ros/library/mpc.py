@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.terminal_cost import riccati_terms
 from hybrid_sysid_ros.control.terms import terms_of
+from hybrid_sysid_ros.control.tightening import Tightening, covariance_of, tightened
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.loops import settings_of, used_model
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.runtime.configuration import controller_model, mpc_problem, wrap_for_rig
+from hybrid_sysid_ros.runtime.mpc_section import about
 from hybrid_sysid_ros.support import extensions
 
 
@@ -29,6 +31,8 @@ def mpc(
     riccati_at: ArrayLike | None = None,
     intervals: Sequence[int] | None = None,
     blocks: Sequence[int] | None = None,
+    operating_point: Sequence[float] | None = None,
+    tightening: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     solver: str = "exact",
 ) -> Controller:
@@ -40,7 +44,10 @@ def mpc(
     for each stage; ``assign(name=values)`` of the controller changes them. Terms are added to those of the section mpc
     in the rig's file, and replace those of the same name. riccati_at: outputs (p,) in SI units about which the cost of
     all time after the horizon is added at its end. intervals: lengths of uneven intervals, in periods, such as
-    [1, 1, 2, 4]; blocks: numbers of periods through which inputs are held. parameters: of the node controller, such as
+    [1, 1, 2, 4]; blocks: numbers of periods through which inputs are held.
+    operating_point: outputs (p,) in SI units at whose steady motion the inputs cost nothing. tightening: fields of
+    :class:`hybrid_sysid_ros.control.tightening.Tightening`, by which soft bounds are moved in; without ``parameters``
+    the model's covariance counts. parameters: of the node controller, such as
     {"horizon": 10, "output_weight": 4.0, "input_rate": 40.0, "real_time": True}; rates are per second. solver: "exact",
     or "ipopt", the slow reference.
 
@@ -63,11 +70,19 @@ def mpc(
             terms=tuple(own.values()),
             stage_parameters=tuple((dict(problem.stage_parameters) | stage).items()),
         ).sized(system)
-    uneven = {"intervals": intervals, "blocks": blocks}
-    problem = replace(problem, **{name: value for name, value in uneven.items() if value is not None})
+    if intervals is not None:
+        problem = replace(problem, intervals=intervals)  # type: ignore[arg-type]
+    if blocks is not None:
+        problem = replace(problem, blocks=blocks)  # type: ignore[arg-type]
+    if operating_point is not None:
+        problem = about(system, problem, operating_point)
     if riccati_at is not None:
         last = riccati_terms(system, problem, np.atleast_1d(arguments.array_of(riccati_at, "riccati_at")))
         problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
+    if tightening is not None:
+        asked = Tightening.declared(tightening)
+        covariance = None if "parameters" in tightening else covariance_of(used, system)
+        problem = tightened(system, problem, asked, covariance)
     if solver == "exact":
         return wrap_for_rig(described, system, ExactMpc(system, problem, real_time=values["real_time"]))
     made: Controller = extensions.one("solvers", "ipopt")(system, problem)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from hybrid_sysid_ros.control import ControlProblem
-from hybrid_sysid_ros.control.terminal_cost import riccati_terms
+from hybrid_sysid_ros.control.steady_motion import jacobian_at, steady_motion
+from hybrid_sysid_ros.control.terminal_cost import STILL, riccati_terms
+from hybrid_sysid_ros.control.tightening import Tightening, tightened
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -15,20 +18,41 @@ from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
 FIELDS = ("terms", "stage_parameters", "final_output_weights", "intervals", "blocks")
 """Fields of the problem."""
+TIGHTENING = "tightening"
+"""What is uncertain, see :class:`~hybrid_sysid_ros.control.tightening.Tightening`."""
+OPERATING = "operating_point"
+"""Outputs at whose steady motion the inputs cost nothing [SI]."""
 RICCATI = "riccati_at"
 """Outputs about which the horizon ends with Riccati's cost [SI]."""
+
+
+def about(system: System, problem: ControlProblem, outputs: Any) -> ControlProblem:
+    """The problem of a system, sized, whose inputs cost nothing in the steady motion at outputs (p,). Raises UserError
+    where the rig does not stay there.
+    """
+    at = np.array(numbers(outputs, f"mpc: {OPERATING}", count=len(system.outputs)))
+    rest = steady_motion(system, problem, at)
+    tracked = np.array(problem.output_weights) > 0.0
+    found, _, _ = jacobian_at(system, problem, rest.state, rest.inputs, output=True)
+    if not np.allclose(found[tracked], at[tracked], rtol=STILL, atol=STILL):
+        raise UserError(f"mpc: {OPERATING}: no inputs hold the outputs at {at.tolist()}; give others")
+    return replace(problem, input_rest=tuple(rest.inputs.tolist())).sized(system)
 
 
 def declared(rig: Rig, system: System, problem: ControlProblem) -> ControlProblem:
     """The problem of a system, sized, with what the rig's file declares. Raises UserError that names the file."""
     given = section(rig.content, "mpc", str(rig.file))
     try:
-        refuse_unknown(given, (*FIELDS, RICCATI), "mpc")
+        refuse_unknown(given, (*FIELDS, OPERATING, RICCATI, TIGHTENING), "mpc")
         problem = replace(problem, **{name: given[name] for name in FIELDS if name in given}).sized(system)
+        if OPERATING in given:
+            problem = about(system, problem, given[OPERATING])
         if RICCATI in given:
             at = numbers(given[RICCATI], f"mpc: {RICCATI}", count=len(system.outputs))
             last = riccati_terms(system, problem, np.array(at))
             problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
+        if TIGHTENING in given:
+            problem = tightened(system, problem, Tightening.declared(given[TIGHTENING]))
         return problem
     except UserError as error:
         if not given:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import ExactMpc, Status
+from hybrid_sysid_ros.control import ExactMpc, StageTerm, Status
 from hybrid_sysid_ros.control.mpc.shooting import shooting
+from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.runtime.mpc_section import about
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.test_terms import ARMS, STAGE, TERMS
 from tests.control.two_inputs import PROBLEM, instance
 
-CASES = {
+CASES: dict[str, dict[str, Any]] = {
     "intervals": {"intervals": [1, 1, 2, 3, 5]},
     "blocks": {"blocks": [1, 2, 3]},
     "blocks across intervals": {"intervals": [1, 1, 2, 2, 6], "blocks": [2, 3, 4]},
@@ -45,13 +48,25 @@ def test_the_optimum_is_that_of_ipopt_and_held_through_blocks(name):
 
 
 def test_blocks_of_one_period_are_the_plain_problem():
-    alike = replace(PROBLEM, intervals=[1] * PROBLEM.horizon, blocks=[1] * PROBLEM.horizon)
-    plans = [ExactMpc(ARMS, problem).control(*instance(1)).inputs for problem in (PROBLEM, alike)]
-    np.testing.assert_array_equal(*plans)
+    alike = replace(PROBLEM, intervals=(1,) * PROBLEM.horizon, blocks=(1,) * PROBLEM.horizon)
+    one, other = (ExactMpc(ARMS, problem).control(*instance(1)).inputs for problem in (PROBLEM, alike))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_inputs_cost_nothing_at_an_operating_point():
+    rest = about(ARMS, PROBLEM, [0.2, 0.0])
+    found = pytest.importorskip("hybrid_sysid_ros.extensions.ipopt.interior_point")
+    point = steady_motion(ARMS, rest, np.array([0.2, 0.0]))
+    asked = point.state, np.zeros(2), point.inputs, np.tile([0.2, 0.0], (12, 1))
+    for solver in (ExactMpc(ARMS, rest), found.InteriorPointMpc(ARMS, rest, tolerance=1e-9)):
+        np.testing.assert_allclose(solver.control(*asked).inputs, np.tile(rest.input_rest, (12, 1)), atol=1e-5)
+    assert np.abs(ExactMpc(ARMS, PROBLEM).control(*asked).inputs[-1] - point.inputs).max() > 1e-3
+    with pytest.raises(UserError, match="no inputs hold the outputs at"):
+        about(ARMS, PROBLEM, [2.0, 0.0])
 
 
 def test_a_real_time_iteration_stays_near_the_optimum():
-    problem = replace(PROBLEM, intervals=[1, 1, 2, 3, 5], rate_limits=(0.3, np.inf))
+    problem = replace(PROBLEM, intervals=(1, 1, 2, 3, 5), rate_limits=(0.3, np.inf))
     solvers = ExactMpc(ARMS, problem), ExactMpc(ARMS, problem, real_time=True)
     state, disturbance, previous, preview = instance(2)
     for _ in range(8):
@@ -64,8 +79,8 @@ def test_a_real_time_iteration_stays_near_the_optimum():
 
 
 def test_a_program_has_no_rows_where_nothing_is_bounded():
-    term = {"late": {"value": "first", "high": 0.1, "final": True}}
-    plain, held = (shooting(ARMS, replace(PROBLEM, terms=term, **more)) for more in ({}, {"blocks": [3, 3]}))
+    term = (StageTerm(name="late", value="first", high=0.1, final=True),)
+    plain, held = (shooting(ARMS, replace(PROBLEM, terms=term, blocks=blocks)) for blocks in ((), (3, 3)))
     assert len(plain.program.rows) == len(held.program.rows) == 1
     assert held.program.gradient.size == 4
 

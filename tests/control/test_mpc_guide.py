@@ -16,5 +16,6 @@ def test_the_blocks_of_the_guide_run_in_turn():
     assert known["answers"].solved.all()
     assert known["near"].solved.all()
     assert np.unique(known["plan"].inputs).size == 6
+    assert 0.0 < min(known["margins"]) <= max(known["margins"]) < 0.05
     assert np.abs(known["stays"].inputs - known["point"].inputs).max() < 1e-3
     assert known["near"].iterations.mean() < known["answers"].iterations.mean()

@@ -232,9 +232,9 @@ def correct_bounds(horizon: Horizon, program: Program) -> bool:
 @inner
 def _bound_input(horizon: Horizon, program: Program, i: int, j: int, change: float) -> None:
     """Set the bounds of one input and its change, and their parts of the gradient."""
-    m, limits, u = horizon.inputs.shape[1], horizon.limits, horizon.inputs[i, j]
-    c, slope = limits.moves[i] * m + j, 2.0 * horizon.weights.rates[i, j] * change
-    program.gradient[c] += slope + 2.0 * horizon.weights.inputs[i, j] * u
+    m, limits, weights, u = horizon.inputs.shape[1], horizon.limits, horizon.weights, horizon.inputs[i, j]
+    c, slope = limits.moves[i] * m + j, 2.0 * weights.rates[i, j] * change
+    program.gradient[c] += slope + 2.0 * weights.inputs[i, j] * (u - weights.rest[j])
     if i > 0:
         program.gradient[limits.moves[i - 1] * m + j] -= slope
     program.lower[c] = limits.low[j] - u

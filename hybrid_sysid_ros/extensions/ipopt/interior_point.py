@@ -106,7 +106,7 @@ def _statement(system: System, problem: ControlProblem, tolerance: float) -> tup
     y = casadi.horzcat(*(output(x[:, i + 1], drives[i]) for i in range(count)))
     error = y - casadi.vertcat(preview, casadi.SX.zeros(values - p, count))
     cost = casadi.dot(weights.outputs.T, error**2) + casadi.dot(weights.prices.T, y)
-    cost += casadi.dot(weights.rates.T, change**2) + casadi.dot(weights.inputs.T, u**2)
+    cost += casadi.dot(weights.rates.T, change**2) + casadi.dot(weights.inputs.T, (u - weights.rest) ** 2)
     linear, quadratic = (np.tile(price, (count, 1)).T for price in (weights.linear, weights.quadratic))
     cost += casadi.dot(linear, outside) + casadi.dot(quadratic, outside**2)
     priced = values if problem.terms else 0
