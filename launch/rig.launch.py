@@ -3,7 +3,6 @@
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping
-from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -25,10 +24,9 @@ from hybrid_sysid_ros.nodes.parameters import OF_QUALITY, OF_ROS
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import preflight, processes
 from hybrid_sysid_ros.runtime.companion import LOOP, Companion, RequestedLoop, join
-from hybrid_sysid_ros.runtime.parameters import declarations, defaults
+from hybrid_sysid_ros.runtime.parameters import declarations, defaults, of_file
 from hybrid_sysid_ros.support import errors, extensions
 from hybrid_sysid_ros.support.files import check_folder
-from hybrid_sysid_ros.support.structured import read_mapping, section
 from launch import LaunchDescription, LaunchDescriptionEntity
 
 PACKAGE = "hybrid_sysid_ros"
@@ -187,15 +185,6 @@ def check(given: Mapping[str, str], values: Mapping[str, Mapping[str, Any]]) -> 
             check_folder(given["bag"], marker=markers(Path(given["bag"])), replace=False)
     if problems:
         raise errors.UserErrors(problems)
-
-
-def of_file(file: str, node: str) -> dict[str, Any]:
-    """Parameters that a ROS parameter file has for a node by its full name."""
-    content, found = read_mapping(file) if file else {}, dict[str, Any]()
-    for pattern in content:
-        if fnmatchcase(node, pattern.replace("/**", "*") if "*" in pattern else f"/{pattern.strip('/')}"):
-            found |= section(section(content, pattern, file), "ros__parameters", f"{file}: {pattern}")
-    return found
 
 
 def stayed(values: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:

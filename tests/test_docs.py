@@ -33,6 +33,7 @@ SHIPPED = {
     "policies",
     "search",
     "trim",
+    "tuning",
     "view",
     "vision",
 }

@@ -24,7 +24,8 @@ from hybrid_sysid_ros.commands.terminal import (
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime.companion import Companion
+from hybrid_sysid_ros.runtime.companion import LOOP, Companion
+from hybrid_sysid_ros.runtime.parameters import of_file
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.progress import progress_bars
@@ -58,6 +59,9 @@ def command(
     composed: Annotated[
         bool, typer.Option("--composed", help="Run all nodes but the recorder in one process.")
     ] = False,
+    params_file: Annotated[
+        Path | None, typer.Option(help="ROS parameter file of the nodes, such as one that `tune` writes.")
+    ] = None,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print all diagnostics at the end.")] = False,
     as_json: Json = False,
@@ -83,6 +87,7 @@ def command(
             bag=bag,
             overwrite=overwrite,
             companions=companions,
+            parameters=_in_file(params_file),
             lockstep=lockstep,
             composed=composed,
             domain=domain,
@@ -100,6 +105,14 @@ def command(
             print_lines(summary.lines, summary.alarms)
     if outcome.interrupted:
         raise Interrupted(f"{outcome.bag} holds what was recorded" if kept else "")
+
+
+def _in_file(file: Path | None) -> dict[str, dict[str, Any]]:
+    """Parameters of the loop's nodes in a file, but for what all of them have from the command line."""
+    found = {node: of_file(str(file), f"/{node}") for node in LOOP} if file else {}
+    return {
+        node: {name: given[name] for name in given if name not in ("rig", "lockstep")} for node, given in found.items()
+    }
 
 
 def _table(diagnostics: Mapping[str, Mapping[str, Any]]) -> Table:

@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -242,6 +243,15 @@ def parameter_file(rig: Rig | str) -> str:
         for name, item in parameters(rig, node).items():
             lines += [f"    # {item.comment}", f"    {name}: {json.dumps(item.default)}"]
     return "\n".join(lines) + "\n"
+
+
+def of_file(file: str, node: str) -> dict[str, Any]:
+    """Parameters that a ROS parameter file has for a node by its full name."""
+    content, found = read_mapping(file) if file else {}, dict[str, Any]()
+    for pattern in content:
+        if fnmatchcase(node, pattern.replace("/**", "*") if "*" in pattern else f"/{pattern.strip('/')}"):
+            found |= section(section(content, pattern, file), "ros__parameters", f"{file}: {pattern}")
+    return found
 
 
 def declarations() -> Declarations:

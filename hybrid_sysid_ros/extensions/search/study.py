@@ -45,7 +45,7 @@ class Study:
         import optuna
 
         self._study, self._seed = study, seed
-        self._distributions = {name: _distribution(option) for name, option in space.items()}
+        self._distributions = {name: distribution_of(option) for name, option in space.items()}
         self._asked: dict[int, optuna.Trial] = {}
         running = self._trials(optuna.trial.TrialState.RUNNING)
         for trial in running:
@@ -81,7 +81,7 @@ class Study:
     def ask(self) -> tuple[int, Options]:
         """The number and the options of the next trial."""
         drawn = sum(not _abandoned(trial) for trial in self._study.get_trials(deepcopy=False))
-        self._study.sampler = _sampler(self._seed, drawn)
+        self._study.sampler = sampler_at(self._seed, drawn)
         trial = self._study.ask(self._distributions)
         self._asked[trial.number] = trial
         return trial.number, trial.params
@@ -162,7 +162,8 @@ def _abandoned(trial: optuna.trial.FrozenTrial) -> bool:
     return trial.state.name == "FAIL" and "outcome" not in trial.user_attrs
 
 
-def _distribution(option: Option) -> optuna.distributions.BaseDistribution:
+def distribution_of(option: Option) -> optuna.distributions.BaseDistribution:
+    """How an option is drawn."""
     from optuna.distributions import FloatDistribution, IntDistribution
 
     if option.kind == "int":
@@ -170,7 +171,8 @@ def _distribution(option: Option) -> optuna.distributions.BaseDistribution:
     return FloatDistribution(option.low, option.high, log=option.kind == "log")
 
 
-def _sampler(seed: int, drawn: int) -> optuna.samplers.BaseSampler:
+def sampler_at(seed: int, drawn: int) -> optuna.samplers.BaseSampler:
+    """The sampler of the trial after ``drawn`` others."""
     import optuna
 
     state = int(np.random.SeedSequence((seed, drawn)).generate_state(1)[0])
