@@ -100,7 +100,7 @@ def _unseen(loops: Loops, options: Options) -> tuple[Measures, Any]:
 
 def content(loops: Loops, tuned: Tuned) -> dict[str, Any]:
     """The result as plain data."""
-    return {
+    found = {
         "rig": loops.rig.name,
         "model": loops.model.seal,
         "aim": tuned.aim,
@@ -118,13 +118,14 @@ def content(loops: Loops, tuned: Tuned) -> dict[str, Any]:
         "front": [_plain(trial) for trial in front_of(tuned.trials)],
         "trials": len(tuned.trials),
     }
+    return {name: _numbers(item) for name, item in found.items()}
 
 
 def save(folder: Path, loops: Loops, tuned: Tuned, page: Callable[[Path], Any] | None) -> None:
     """Write the result, a parameter file if it is better than what ships, and a page. The section ``nodes`` is one of
     a rig's file. Raises UserError where the folder can't be written.
     """
-    plain = yaml.safe_load(yaml.safe_dump(_numbers(content(loops, tuned))))
+    plain = content(loops, tuned)
     with written_folder(folder, marker=RESULT) as partial_folder:
         (partial_folder / RESULT).write_text(yaml.safe_dump(plain, sort_keys=False), encoding="utf-8")
         if tuned.better:
