@@ -86,7 +86,12 @@ class Printer:
         tables, lines = [], []
         for name in self.written:
             array = self.layout.arrays[name]
-            if array.tobytes().strip(b"\0"):
+            set_members = [key for key in array.dtype.names or () if np.any(array[key])]
+            if set_members and all(np.array_equal(array[key], np.arange(array.size)) for key in set_members):
+                lines += [f"    for (int i = 0; i < {array.size}; i++) {{"]
+                lines += [f"        unit->{name}[i].{key} = i;" for key in set_members]
+                lines += ["    }"]
+            elif array.tobytes().strip(b"\0"):
                 tables.append(self.table(f"{self.rig}_{name}_at_first", array))
                 lines.append(f"    memcpy(unit->{name}, {self.rig}_{name}_at_first, sizeof unit->{name});")
         return "\n".join(tables), "\n".join(lines)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
 from hybrid_sysid_ros.control.mpc.horizon import PROGRESS as SOLUTION
-from hybrid_sysid_ros.control.mpc.horizon import new_instance
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.quadratic_program import SOFT, TOLERANCE
 from hybrid_sysid_ros.control.policy.kernels import FEATURES, PLACES, TRACKED
@@ -36,6 +37,10 @@ from hybrid_sysid_ros.support.errors import UserError
 UNIT_TEMPLATES = Path(__file__).parent / "c"
 RECORDS = [(CORE, "core"), (CHANNEL, "channel"), (MOMENT, "moment"), (READING, "reading")]
 RECORDS += [(SOLUTION, "solution"), (PROGRESS, "progress")]
+OF_FLOATS = {"RISE": 1e-6, "DIFFERENCE": 3.5e-4, "VIOLATION": 1e-5, "INPUT_ROUNDING": 1e-6}
+"""Constants of kernels that the rounding of doubles chose, for that of floats, 1e-7; the second is its root."""
+RESIDUAL = 1e-4
+"""Residual at which an iteration in floats has converged: smaller ones are rounding, and it would never end."""
 
 
 def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor: Supervisor | None) -> PrintedLoop:
@@ -61,6 +66,7 @@ def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor
     named = system.named
     offset, by_outputs, by_inputs = affine_initial_states(system)
     shooting = mpc.shooting
+    _clear(shooting.horizon)
     return PrintedLoop(
         progress=progress,
         settings=LoopNumbers(
@@ -96,6 +102,16 @@ def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor
     )
 
 
+def _clear(horizon: Horizon) -> None:
+    """Zero what first calls have left in a horizon's memory, for what begins as zero takes no room in flash."""
+    parts = (horizon.last, horizon.linear, horizon.condensed, horizon.step, horizon.lagrangian, horizon.work)
+    for part in (horizon, *parts):
+        for item in fields(part):
+            value = getattr(part, item.name)
+            if isinstance(value, np.ndarray) and value.dtype == float:
+                value[...] = 0.0
+
+
 def _supervision(supervisor: Supervisor, flat: Array) -> Supervision:
     policy, (m, n) = supervisor.policy, (supervisor.policy.inputs, supervisor.policy.states)
     return Supervision(
@@ -115,7 +131,7 @@ def _supervision(supervisor: Supervisor, flat: Array) -> Supervision:
     )
 
 
-def _widest(loop: PrintedLoop) -> dict[str, int]:
+def _widest(loop: PrintedLoop) -> dict[str, float]:
     """Sizes of scratch memory that are smaller than for any policy."""
     if loop.supervision is None:
         return {}
@@ -152,10 +168,14 @@ def affine_initial_states(system: System) -> tuple[Array, Array, Array]:
 def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single: bool) -> Printer:
     """The kernels of a loop in C. arrays: those of the estimator, by name. single: numbers are floats."""
     mutable: dict[str, set[str]] = {}
+    constants = _widest(loop) | (OF_FLOATS if single else {})
+    if single:
+        settings = loop.settings
+        loop = loop._replace(settings=settings._replace(tolerance=max(settings.tolerance, RESIDUAL)))
     while True:
         layout = layout_of(RECORDS, mutable)
         _name_arrays(layout, loop, arrays)
-        translator = Translator(layout, rig, "f" if single else "", _widest(loop))
+        translator = Translator(layout, rig, "f" if single else "", constants)
         translator.call(kernels.observe, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
         translator.call(kernels.expect, [KnownValue(loop)])  # type: ignore[arg-type]
         translator.call(kernels.decide, [KnownValue(loop)])  # type: ignore[arg-type]
