@@ -35,9 +35,12 @@ NAME = "bodies"
 RIGS = ("cam_beam", "drill_string", "flexible_joint", "wheel_motor", "winged_cone")
 PERIODS = 1000
 ASKED = {"difference": 1e-9, "step_p99": 60e-6, "image": 300_000, "export": 30.0}
-ASKED_OF_BOARDS = {"m7": {"difference": 1e-9, "most": 350_000, "flash": 300_000}, "m4": {"most": 500_000}}
-"""Of the supervised beam: largest difference, instructions of a period behind the first, bytes of flash."""
 """Largest difference, and for the beam the p99 of a step [s], bytes of its image and the time of its export [s]."""
+ASKED_OF_BOARDS: dict[str, dict[str, float]] = {
+    "m7": {"difference": 1e-9, "most": 350_000, "flash": 300_000},
+    "m4": {"most": 500_000},
+}
+"""Of the supervised beam: largest difference, instructions of a period behind the first, bytes of flash."""
 BEAM = "cam_beam, supervised"
 
 

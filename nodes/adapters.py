@@ -170,8 +170,8 @@ class ControllerAdapter:
             self.sources["policy"] = ModelSource(folder)
         made = controller_of(rig, model, settings, warn)
         self.controller, self.problem = made.controller, made.problem
-        source = extensions.loaded(made.estimates)(made.controller, rig, model) if made.estimates else None
-        self.estimates: EstimateSource | None = source
+        estimates = extensions.loaded(made.estimates)(made.controller, rig, model) if made.estimates else None
+        self.estimates: EstimateSource | None = estimates
         self.network, self.supervisor, self.doubt = made.network, made.supervisor, made.doubt
         self.ahead = round((model.system.delay + settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon

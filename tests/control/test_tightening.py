@@ -42,7 +42,7 @@ def test_the_open_band_of_a_linear_system_is_that_of_its_powers():
 
 
 def test_feedback_narrows_a_band_and_uncertainty_widens_it():
-    more = {"parameters": 0.1, "disturbance": (0.05, 0.05)}
+    more: dict[str, Any] = {"parameters": 0.1, "disturbance": (0.05, 0.05)}
     closed, open_one = (tightened(CARTS, BOUNDED, Tightening(**FIELDS, **more, feedback=on)) for on in (True, False))
     plain = tightened(CARTS, BOUNDED, Tightening(**FIELDS))
     assert closed.state_margins[0][-1] < open_one.state_margins[0][-1]

@@ -153,7 +153,9 @@ class BoardLink:
                         f"port {self.port}: no board answers: is it powered, does it run the loop, is its rate right?"
                     ) from None
         self.restarted = False
-        self.identity = BoardIdentity(*content[:6], seal=content[6:].decode(errors="replace"))
+        real, states, inputs, outputs, horizon, protocol = content[:6]
+        seal = content[6:].decode(errors="replace")
+        self.identity = BoardIdentity(real, states, inputs, outputs, horizon, protocol, seal)
         if self.identity.protocol != PROTOCOL or self.identity.real not in (4, 8):
             raise UserError(
                 f"port {self.port}: the board speaks protocol {self.identity.protocol}, not {PROTOCOL}: export and "

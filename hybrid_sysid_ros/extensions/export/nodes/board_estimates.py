@@ -59,7 +59,7 @@ class BoardEstimates:
             return
         further: list[float] = []
         if self._further:
-            further = np.asarray(self._system.output(found.state, applied))[self._further].tolist()
+            further = np.asarray(self._system.output(list(found.state), list(applied)))[self._further].tolist()
         now, ahead, offsets = found.state.tolist(), found.ahead.tolist(), found.disturbance.tolist()
         estimate = [*now, *further, *offsets, *ahead, *offsets, *applied.tolist(), 0.0, 0.0]
         message = self._writer.pack(joints.stamp, estimate)

@@ -53,6 +53,7 @@ def test_a_loop_over_a_noisy_line_is_that_of_python_until_the_board_dies(beam):
                 garbage = random.bytes(20) + encode(b"O" + random.bytes(30))[:15]
                 os.write(link._line, garbage + b"\0")
             estimate = driver.observe(question.time, question.outputs, question.applied)
+            assert estimate is not None
             np.testing.assert_allclose(estimate.ahead, answer.ahead, rtol=0, atol=1e-9)
             plan = driver.control(estimate.ahead, estimate.disturbance, sent, question.preview)
             np.testing.assert_allclose(plan.input, answer.inputs, rtol=0, atol=1e-9)
