@@ -64,6 +64,8 @@ setup(
             "*.txt",
             "*.c",
             "*.h",
+            "*.hpp",
+            "*.cpp",
             "*.ld",
             "Makefile",
             "README.md",

@@ -100,8 +100,8 @@ def model_description(
     if statuses:
         types = ElementTree.SubElement(root, "TypeDefinitions")
         kind = ElementTree.SubElement(types, "EnumerationType", name="status")
-        for value, (item, text) in enumerate(statuses):
-            ElementTree.SubElement(kind, "Item", name=item, value=str(value), description=text)
+        for value, (status, text) in enumerate(statuses):
+            ElementTree.SubElement(kind, "Item", name=status, value=str(value), description=text)
     categories = ElementTree.SubElement(root, "LogCategories")
     ElementTree.SubElement(categories, "Category", name="logStatusError", description="Why a call was refused")
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stopTime=repr(duration), stepSize=repr(period))
@@ -125,8 +125,8 @@ def _units(root: ElementTree.Element, names: Sequence[str]) -> None:
             powers = dict(BASE_UNITS[found.base])
             powers["s"] = powers.get("s", 0) - found.per
             given = {key: str(power) for key, power in powers.items() if power}
-            factor = {} if found.factor == 1.0 else {"factor": repr(found.factor)}
-            ElementTree.SubElement(unit, "BaseUnit", **given, **factor)
+            given |= {} if found.factor == 1.0 else {"factor": repr(found.factor)}
+            ElementTree.SubElement(unit, "BaseUnit", given)
 
 
 def _variable(listed: ElementTree.Element, reference: int, item: FmuVariable) -> None:
@@ -146,7 +146,7 @@ def _variable(listed: ElementTree.Element, reference: int, item: FmuVariable) ->
     if item.start is not None:
         start = str(bool(item.start)).lower() if item.kind == "Boolean" else repr(float(item.start))
         given["start"] = " ".join([start] * item.size)
-    element = ElementTree.SubElement(listed, item.kind, **given)
+    element = ElementTree.SubElement(listed, item.kind, given)
     if item.size > 1:
         ElementTree.SubElement(element, "Dimension", start=str(item.size))
 

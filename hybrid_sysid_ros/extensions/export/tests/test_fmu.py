@@ -32,7 +32,7 @@ def beam(tmp_path_factory):
     rig, model = loaded()
     path = tmp_path_factory.mktemp("fmu") / "beam.fmu"
     done = export.export_simulation(rig, path, model=model, seal="s")
-    assert not COMPILER or done.difference <= 1e-12
+    assert not COMPILER or (done.difference is not None and done.difference <= 1e-12)
     return path
 
 
@@ -54,7 +54,7 @@ def test_without_fmpy_it_says_what_to_install(tmp_path, monkeypatch):
 
 def test_another_suffix_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"does not end in \.fmu"):
-        export.export_simulation(*loaded()[:1], tmp_path / "beam.zip", model=None)
+        export.export_simulation(loaded()[0], tmp_path / "beam.zip", model=None)
 
 
 def test_without_a_compiler_the_sources_go_alone(tmp_path, monkeypatch):
@@ -148,6 +148,7 @@ def test_every_rig_s_model_and_plant_simulates_as_in_python(tmp_path, rig):
     own, model = loaded(rig)
     for given in (model, None):
         done = export.export_simulation(own, tmp_path / "body.fmu", model=given, seal="s", overwrite=True)
+        assert done.difference is not None
         assert done.difference <= 1e-9
 
 
@@ -158,6 +159,7 @@ def test_a_controller_commands_as_in_python(tmp_path):
     rig, model = loaded("wheel_motor")
     path = tmp_path / "controller.fmu"
     done = export.export_controller(rig, model, path, settings={"real_time": True}, seal="s")
+    assert done.difference is not None
     assert done.difference <= 1e-9
     with RunningFmu(path) as fmu:
         fmu.start()
