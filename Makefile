@@ -3,6 +3,7 @@
 #   make newest            some tests with the newest release of every dependency; make oldest: with the oldest allowed
 #   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
 #   make demo CAMERA=1     films the rig and closes the loop by a camera alone, into out/demo_camera
+#   make demo BODY=native  closes the loop by estimator and controller as one process in C, into out/demo_native
 #   make demo BODY=m7      closes the loop by a microcontroller in the emulator, into out/demo_m7 (docs: microcontrollers)
 #   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
 #   make PYTHON=python3.12 another interpreter, where python3 is too old or too new; a .venv of another one is made anew

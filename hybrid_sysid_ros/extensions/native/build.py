@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shlex
 import subprocess
 from collections.abc import Mapping
 from hashlib import sha256
@@ -29,7 +31,10 @@ TEMPLATES = Path(__file__).with_name("c")
 PACKAGE = Path(__file__).parents[2]
 SOURCES = ("core", "control", "estimation", "models", "structures", "rigs", "runtime", "nodes", "extensions")
 """Folders whose Python decides what is printed."""
-FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra")
+FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-fvisibility=hidden")
+"""Hidden, since libraries of the middleware would call a function of ours that has the name of one of the system's."""
+FURTHER_FLAGS = "CFLAGS"
+"""Environment variable of further flags, as make has it."""
 TIME_LIMIT = 300.0
 """Of compiling [s]."""
 CHECKED = 200
@@ -87,7 +92,15 @@ def _key(
 ) -> str:
     found = sha256()
     said = subprocess.run([by, "--version"], capture_output=True, text=True, check=False).stdout.partition("\n")[0]
-    parts: list[Any] = [rig.source, shaping(values), dict(seals), said, libraries.where, version("daqp")]
+    parts: list[Any] = [
+        os.environ.get(FURTHER_FLAGS, ""),
+        rig.source,
+        shaping(values),
+        dict(seals),
+        said,
+        libraries.where,
+        version("daqp"),
+    ]
     found.update(json.dumps(parts, sort_keys=True, default=str).encode())
     files = [*rig.file.parent.glob("*.*"), *TEMPLATES.iterdir()]
     for name in SOURCES[:-1]:
@@ -128,12 +141,24 @@ def _make(
     for file, text in (files | rig_text.texts(rig, python, values, body=body)).items():
         (place / file).write_text(text, encoding="utf-8")
     copy_to(daqp(None), place / "daqp")
-    common = [by, *FLAGS, "-I", str(place), "-I", str(place / "daqp"), "-I", str(TEMPLATES), *libraries.include]
+    further = tuple(shlex.split(os.environ.get(FURTHER_FLAGS, "")))
+    common = [
+        by,
+        *FLAGS,
+        *further,
+        "-I",
+        str(place),
+        "-I",
+        str(place / "daqp"),
+        "-I",
+        str(TEMPLATES),
+        *libraries.include,
+    ]
     objects, running = [], []
     for source in (place / "rig.c", *sorted(TEMPLATES.glob("*.c"))):
         objects.append(place / f"node_{source.stem}.o")
         running.append((source, _start([*common, "-c", str(source), "-o", str(objects[-1])])))
-    library = build(by, place, name, place)
+    library = build(by, place, name, place, flags=further)
     for source, process in running:
         _finish(process, source.name)
     others = [path for path in place.glob("*.o") if path not in objects]

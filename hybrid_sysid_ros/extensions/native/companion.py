@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import typer
 
 from hybrid_sysid_ros.extensions.native.build import check_tools, native_loop
-from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, NODES
+from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, NODES, UNWATCHED_LOOP, UNWATCHED_SENSORS
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop, SharedProcess
 from hybrid_sysid_ros.runtime.configuration import settings
@@ -36,6 +36,9 @@ class Native(Companion):
         binary = native_loop(rig, every, tell=self.tell)
         started = {node: {name: own[name] for name in own if name in AT_START} for node, own in given.items()}
         return {self.name: SharedProcess(NODES, [str(binary), *session.arguments(started)])}
+
+    def ready(self, said: Callable[[str], set[str]]) -> str:
+        return f"the native loop does not watch: {UNWATCHED_SENSORS}; {UNWATCHED_LOOP}"
 
 
 def companion(

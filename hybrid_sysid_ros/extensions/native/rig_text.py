@@ -12,7 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.extensions.export.unit.folder import unit_name
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
-from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, LIVE, NODES
+from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, LIVE, NODES, UNWATCHED_LOOP, UNWATCHED_SENSORS
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.adapters import SLACK, WINDOW
 from hybrid_sysid_ros.nodes.signal_layout import FIELDS, SignalLayout, SignalPlace
@@ -21,9 +21,6 @@ from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.parameters import NodeParameter, declarations, parameters
 
 KINDS = {bool: "IS_BOOL", int: "IS_WHOLE", float: "IS_NUMBER", str: "IS_TEXT"}
-UNWATCHED_SENSORS = "frozen sensors, innovations as evidence against a sensor"
-UNWATCHED_LOOP = "evidence of the estimate, the actuators and the range: the loop does not slow down for it"
-"""What the native loop does not do, as its diagnostics say."""
 
 
 def of_ros() -> dict[str, NodeParameter]:

@@ -21,16 +21,22 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.runtime.run import Run
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, known
 from hybrid_sysid_ros.support.files import check_folder, make_folder
 
 SECONDS = 10.0
 """Of the loop, in simulated time."""
+BODIES = ("native", *BOARDS)
+"""The first is a demo of another extension."""
 
 
 def instead(
     body: Annotated[
-        str, typer.Option("--body", help="Close the loop in C instead: m7 or m4, a board in the emulator.")
+        str,
+        typer.Option(
+            "--body",
+            help="Close the loop in C instead: native, a process of this computer; m7 or m4, an emulated board.",
+        ),
     ] = "",
     rig: str = "",
     out: Path | None = None,
@@ -38,6 +44,8 @@ def instead(
     as_json: bool = False,
 ) -> Callable[[], dict[str, Any]] | None:
     """This demo instead of the usual one, where a board is the body."""
+    if body and body not in BODIES:
+        raise UserError(f"--body {body}: {known(body, BODIES)}")
     if body not in BOARDS:
         return None
     chosen = load_rig(rig or default())

@@ -66,7 +66,7 @@ void node_check(rcl_ret_t found, const char *what)
         char line[WORDS];
         size_t k;
 
-        snprintf(line, sizeof line, "%s", why);
+        snprintf(line, sizeof line, "%.700s", why);
         for (k = 0; line[k]; k++) {
             line[k] = line[k] == '\n' ? ' ' : line[k];
         }
