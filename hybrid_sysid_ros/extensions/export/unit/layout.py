@@ -10,6 +10,7 @@ from types import FunctionType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.extensions.export.unit.values import BOOL, INT, REAL, ArrayView, Origin, cannot
@@ -22,7 +23,7 @@ class MemoryLayout:
     def __init__(self, records: list[tuple[np.dtype[Any], str]]) -> None:
         """records: types of records, and their names in C."""
         self.records = records
-        self.arrays: dict[str, Array] = {}
+        self.arrays: dict[str, NDArray[Any]] = {}
         self.places: dict[str, Origin] = {}
         self.used: set[str] = set()
         """Names of the arrays that translated code reads or writes."""
