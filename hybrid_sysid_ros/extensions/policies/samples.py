@@ -26,6 +26,10 @@ LIVELY, LIVELINESS, RESTARTS = 0.5, 0.01, 0.04
 between being alike, for as much is asked of a policy near rest as at full swing; share of a lively loop's periods in
 which it begins anew."""
 
+STRANGE = 0.04
+"""Share of the periods in which the MPC is asked with a previous input that may be anywhere, as where a loop begins: in
+one loop of the vehicle's certificate in a hundred a network was off there by more than it may."""
+
 OFTENEST = 5.0
 """How many times as many jumps of the inputs' disturbances and pushes of the state the most disturbed of the lively
 loops have, all factors between being alike, as a certificate has a stratum of such loops."""
@@ -78,7 +82,10 @@ def scenario_of(system: System, problem: ControlProblem, spread: Spread, random:
     often = 1.0 / magnitude(random, 1.0 / OFTENEST) if lively else 1.0
     scenario = scenarios.drawn(random, system, problem, spread, wanted, begins, size=size, often=often)
     jitter = moved * random.normal(size=scenario.inputs.shape) * np.array(spread.input_jitter)
-    return scenario._replace(state_errors=JITTER * moved * errors, input_errors=jitter)
+    strange = random.uniform(size=(periods, 1)) < STRANGE
+    wide = random.uniform(-1.0, 1.0, scenario.inputs.shape) * (np.array(problem.input_high) - problem.input_low)
+    input_errors = np.where(strange, wide, jitter)
+    return scenario._replace(state_errors=JITTER * moved * errors, input_errors=input_errors)
 
 
 def sample(
