@@ -19,6 +19,7 @@
 UNIT(memory) unit;
 
 static rcl_subscription_t measurements, commands;
+static bool makes_do; /* with best effort */
 static bool listens; /* to commands, which stand for inputs that a driver does not report */
 static outlet estimates, covariances;
 static validator entry, others;
@@ -77,7 +78,7 @@ static void deactivate(node *own)
     if (listens) {
         (void)!rcl_subscription_fini(&commands, &own->handle);
     }
-    listens = false;
+    listens = makes_do = false;
     outlet_close(&estimates, own);
     outlet_close(&covariances, own);
 }
@@ -111,8 +112,15 @@ int64_t estimator_silence(void)
 /* Open what waits for somebody who publishes measurements. */
 void estimator_look(void)
 {
+    static int64_t looked;
+
     if (!estimator_node.active) {
         return;
+    }
+    if (!makes_do && !estimator_is_heard() && steady() - looked > SECOND / 5) {
+        looked = steady();
+        makes_do = inlet_make_do(&measurements, &estimator_node,
+                                 ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState), "joint_states");
     }
     if (!estimates.open && estimator_is_heard()) {
         outlet_open(&estimates, &estimator_node, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState),

@@ -9,6 +9,7 @@
 
 #include "diagnostic_msgs/msg/diagnostic_array.h"
 #include "rcl_interfaces/msg/parameter_event.h"
+#include "rcl/graph.h"
 #include "rcl/logging_rosout.h"
 #include "rosidl_runtime_c/string_functions.h"
 #include "std_srvs/srv/trigger.h"
@@ -125,6 +126,34 @@ bool inlet_open(rcl_subscription_t *own, node *of, const rosidl_message_type_sup
     options.qos = quality_of(topic, false);
     *own = rcl_get_zero_initialized_subscription();
     return rcl_subscription_init(own, &of->handle, kind, topic, &options) == RCL_RET_OK;
+}
+
+bool inlet_make_do(rcl_subscription_t *own, node *of, const rosidl_message_type_support_t *kind, const char *topic)
+{
+    rcl_subscription_options_t options = rcl_subscription_get_default_options();
+    rcl_allocator_t allocator = rcl_get_default_allocator();
+    rcl_topic_endpoint_info_array_t found = rcl_get_zero_initialized_topic_endpoint_info_array();
+    bool offers = false;
+    size_t k;
+
+    if (rcl_get_publishers_info_by_topic(
+            &of->handle, &allocator, rcl_subscription_get_topic_name(own), false, &found) == RCL_RET_OK) {
+        for (k = 0; k < found.size; k++) {
+            offers = offers || found.info_array[k].qos_profile.reliability == RMW_QOS_POLICY_RELIABILITY_BEST_EFFORT;
+        }
+    }
+    (void)!rcl_topic_endpoint_info_array_fini(&found, &allocator);
+    rcl_reset_error();
+    if (!offers) {
+        return false;
+    }
+    fprintf(stderr, "%s: a publisher offers best effort, which is used from now on\n", topic);
+    options.qos = quality_of(topic, false);
+    options.qos.reliability = RMW_QOS_POLICY_RELIABILITY_BEST_EFFORT;
+    (void)!rcl_subscription_fini(own, &of->handle);
+    *own = rcl_get_zero_initialized_subscription();
+    CHECK(rcl_subscription_init(own, &of->handle, kind, topic, &options));
+    return true;
 }
 
 bool inlet_take(rcl_subscription_t *own, rcl_serialized_message_t *message)

@@ -62,6 +62,8 @@ bool outlet_open(outlet *own, node *of, const rosidl_message_type_support_t *kin
 void outlet_close(outlet *own, node *of);
 bool outlet_is_read(const outlet *own);
 bool inlet_open(rcl_subscription_t *own, node *of, const rosidl_message_type_support_t *kind, const char *topic);
+/* Ask a topic for best effort only, where a publisher offers no more: whether that was changed. */
+bool inlet_make_do(rcl_subscription_t *own, node *of, const rosidl_message_type_support_t *kind, const char *topic);
 bool inlet_take(rcl_subscription_t *own, rcl_serialized_message_t *message);
 
 void node_begin(node *own);

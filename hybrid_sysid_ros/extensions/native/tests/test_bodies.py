@@ -19,6 +19,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -53,11 +54,13 @@ def binary() -> Iterator[Path]:
 class Body:
     """Estimator and controller in one of the bodies, and a probe that is their plant and their reference."""
 
-    def __init__(self, kind: str, bench: Bench, domain: int, binary: Path, **given: Any) -> None:
+    def __init__(
+        self, kind: str, bench: Bench, domain: int, binary: Path, *, measurements: Any = None, **given: Any
+    ) -> None:
         self.kind, self.bench, self.process = kind, bench, None
         self.plant, self.applied, self.periods = Plant(RIG, seed=1), 0.0, 0
         self.commands, self.estimates = bench.listen("joint_command"), bench.listen("state_estimate")
-        self.measurements = bench.speak("joint_states")
+        self.measurements = measurements or bench.speak("joint_states")
         self.references = bench.speak("reference", JointTrajectory)
         if kind == "python":
             bench.start(EstimatorNode, **{name: given[name] for name in given if name != "armed"})
@@ -203,6 +206,14 @@ def test_inputs_rest_when_measurements_stop(timed: Body) -> None:
 def _drive(body: Body) -> JointState:
     now = body.bench.probe.get_clock().now().nanoseconds
     return body.answered(now)
+
+
+def test_a_driver_may_offer_best_effort(bench: Bench, domain: int, binary: Path) -> None:
+    driver = bench.probe.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
+    body = Body("native", bench, domain, binary, measurements=driver, lockstep=True)
+    body.refer(SECOND, VOLT)
+    assert body.go(3)[-1] != 0.0
+    body.close()
 
 
 def test_a_manager_changes_the_states(timed: Body) -> None:
