@@ -56,5 +56,5 @@ class BoardEmulator:
         """Let the board die at once, as one without power."""
         if self._process is not None:
             os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
+            self._process.communicate()  # which closes what it said, too
             self._process = None
