@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.scenarios import LENGTH, plant_near
+from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
 from hybrid_sysid_ros.extensions.policies.reference_kinds import KINDS, references
 from hybrid_sysid_ros.models import Model, Option, Options
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -93,6 +93,11 @@ class Loops:
         return Measures(settling=settling, effort=effort, inside=inside), rows[:, :2]
 
     @cached_property
+    def spread(self) -> Spread:
+        """Sizes of references and offsets, and how far plants are from the rig, as in the training of policies."""
+        return configuration.spread_of(self.rig).sized(self.rig.system)
+
+    @cached_property
     def _shipped(self) -> dict[str, dict[str, Any]]:
         found = {node: configuration.defaults(self.rig, node) for node in NODES}
         for own in found.values():
@@ -103,7 +108,7 @@ class Loops:
     def _loop(self, values: Mapping[str, Mapping[str, Any]], number: int, unseen: bool) -> Sequence[float]:
         """Settling, effort and whether it stays inside of one loop, which depends on the seed and its number alone."""
         rig, random = self.rig, np.random.default_rng([UNSEEN if unseen else TUNING, self.seed, number])
-        spread = configuration.spread_of(rig)
+        spread = self.spread
         shipped = configuration.mpc_problem(self._shipped["controller"], rig, self._system)
         wanted = references(random, spread, shipped, [*KINDS][number % len(KINDS)])
         seconds = self.horizons * shipped.horizon * shipped.period

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,12 @@ def test_options_are_factors_of_what_ships_and_the_horizon(loops):
     assert "controller.input_weight" not in space  # it ships as 0, of which no factor makes anything else
     found = loops.values({"controller.rate_weight": 2.0, HORIZON: 15})
     assert found["controller"] == {"rate_weight": [2.0 * item for item in own["rate_weight"]], "horizon": 15}
+
+
+def test_references_of_several_outputs_have_a_centre_each(loops):
+    rig = load_rig("flexible_joint")
+    spread = replace(loops, rig=rig, model=load_model(shipped(rig.name, "model"))).spread
+    assert len(spread.centre) == len(spread.amplitude) == len(rig.sensors)
 
 
 def test_loops_repeat_and_unseen_ones_are_others(loops):
