@@ -103,11 +103,10 @@ def _key(
     ]
     found.update(json.dumps(parts, sort_keys=True, default=str).encode())
     files = [*rig.file.parent.glob("*.*"), *TEMPLATES.iterdir()]
-    for name in SOURCES[:-1]:
+    for name in SOURCES:
         files += (PACKAGE / name).rglob("*.py")
-    for name in ("export", "native"):
-        files += (PACKAGE / "extensions" / name).rglob("*.[pch]*")
-    for path in sorted(path for path in files if path.is_file() and "__pycache__" not in path.parts):
+    files += (PACKAGE / "extensions" / "export").rglob("*.[ch]")
+    for path in sorted(path for path in files if path.is_file() and "tests" not in path.parts):
         found.update(path.read_bytes())
     return found.hexdigest()[:24]
 

@@ -6,39 +6,32 @@
 #include "sensor_msgs/msg/joint_state.h"
 #include "std_msgs/msg/float64_multi_array.h"
 
-#include "loop.h"
+#include "estimator.h"
 
 #define SHOW_PERIOD (SECOND / 20) /* between two covariances */
 #define SOON 0.6                  /* periods, below which measurements are more frequent than expected */
 #define LONGEST_GAP 1.0           /* s, after which an estimate begins anew */
 #define NUMBERS (2 * STATES + 3 * INPUTS + FURTHER + 2 + FOLLOWED + INPUTS)
-#define WINDOW 4096 /* innovations whose mean is reported, at most */
-
-#define value(which) value_of(&estimator_node, which)
 
 UNIT(memory) unit;
+estimator_state estimation;
 
 static rcl_subscription_t measurements, commands;
 static bool makes_do; /* with best effort */
 static bool listens; /* to commands, which stand for inputs that a driver does not report */
 static outlet estimates, covariances;
-static validator entry, others;
+static validator others;
 static slot_reader measured, commanded;
 static written_message message;
-static estimate newest;
 static int64_t zero, usable, shown, first_stamp;
 static double known[INPUTS];
-static double innovations[WINDOW];
-static long updates, missing, invalid, unknown, gated, late, unusable, repeated, restarts, too_soon, blind, seen;
-static timing execution;
-static troubles loop_troubles, sensor_troubles;
 
 static void forget(void)
 {
     UNIT(forget_estimate)(&unit);
-    newest.stamp = zero = usable = shown = 0;
+    estimation.newest.stamp = zero = usable = shown = 0;
     first_stamp = 0;
-    seen = 0;
+    estimation.seen = 0;
 }
 
 static bool reset(char *words)
@@ -53,9 +46,10 @@ static bool activate(node *own)
     const bool timed = !LOCKSTEP;
     int j;
 
-    validator_begin(&entry, timed, value(ESTIMATOR_STAMP_AHEAD), value(ESTIMATOR_STAMP_BEHIND),
+    memset(&estimation, 0, sizeof estimation);
+    validator_begin(&estimation.entry, timed, value(ESTIMATOR_STAMP_AHEAD), value(ESTIMATOR_STAMP_BEHIND),
                     value(ESTIMATOR_SILENCE));
-    others = entry;
+    others = estimation.entry;
     if (measured.found == NULL) {
         measured = slot_reader_of(measured_slots, OUTPUTS + INPUTS, INPUTS);
         commanded = slot_reader_of(measured_slots + OUTPUTS, INPUTS, 0);
@@ -65,8 +59,6 @@ static bool activate(node *own)
     for (j = 0; j < INPUTS; j++) {
         known[j] = NAN;
     }
-    updates = missing = invalid = unknown = gated = late = unusable = repeated = restarts = too_soon = blind = 0;
-    memset(&execution, 0, sizeof execution);
     return inlet_open(&measurements, own, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState), "joint_states")
            && outlet_open(&covariances, own, ROSIDL_GET_MSG_TYPE_SUPPORT(std_msgs, msg, Float64MultiArray),
                           "state_covariance");
@@ -106,7 +98,7 @@ bool estimator_is_heard(void)
 
 int64_t estimator_silence(void)
 {
-    return newest.stamp && entry.heard ? steady() - entry.heard : -1;
+    return estimation.newest.stamp && estimation.entry.heard ? steady() - estimation.entry.heard : -1;
 }
 
 /* Open what waits for somebody who publishes measurements. */
@@ -131,7 +123,7 @@ void estimator_look(void)
 static void publish(void)
 {
     if (estimates.open) {
-        message_publish(&message, newest.stamp, &estimates.publisher);
+        message_publish(&message, estimation.newest.stamp, &estimates.publisher);
     }
 }
 
@@ -142,19 +134,19 @@ static void pack(const double *applied)
     int at = 0, k;
 
     for (k = 0; k < STATES; k++) {
-        numbers[at++] = (double)newest.answer.state[k];
+        numbers[at++] = (double)estimation.newest.answer.state[k];
     }
     for (k = 0; k < FURTHER; k++) {
-        numbers[at++] = newest.outputs[further_outputs[k]];
+        numbers[at++] = estimation.newest.outputs[further_outputs[k]];
     }
     for (k = 0; k < INPUTS; k++) {
-        numbers[at++] = (double)newest.answer.disturbance[k];
+        numbers[at++] = (double)estimation.newest.answer.disturbance[k];
     }
     for (k = 0; k < STATES; k++) {
-        numbers[at++] = (double)newest.answer.ahead[k];
+        numbers[at++] = (double)estimation.newest.answer.ahead[k];
     }
     for (k = 0; k < INPUTS; k++) {
-        numbers[at++] = (double)newest.answer.disturbance[k];
+        numbers[at++] = (double)estimation.newest.answer.disturbance[k];
     }
     for (k = 0; k < INPUTS; k++) {
         numbers[at++] = applied[k];
@@ -164,7 +156,7 @@ static void pack(const double *applied)
     for (k = 0; k < FOLLOWED; k++) {
         numbers[at++] = (double)unit.out[2 * STATES + INPUTS + k];
     }
-    for (k = 0; newest.blind && k < at; k++) {
+    for (k = 0; estimation.newest.blind && k < at; k++) {
         numbers[k] = NAN;
     }
     message_write(&message, 0, numbers);
@@ -172,21 +164,21 @@ static void pack(const double *applied)
 
 static void count(const double *given, int64_t stamp)
 {
-    const double elapsed = (double)(stamp - newest.stamp) / 1e9;
+    const double elapsed = (double)(stamp - estimation.newest.stamp) / 1e9;
     int k;
 
-    if (newest.stamp && elapsed > 0.0) {
+    if (estimation.newest.stamp && elapsed > 0.0) {
         const double between = round(elapsed / PERIOD) - 1.0;
 
-        missing += between > 0.0 ? (long)between : 0;
-        too_soon += elapsed < SOON * PERIOD;
+        estimation.missing += between > 0.0 ? (long)between : 0;
+        estimation.too_soon += elapsed < SOON * PERIOD;
     }
     for (k = 0; k < OUTPUTS; k++) {
-        invalid += !isfinite(given[k]);
-        updates += isfinite(given[k]) != 0;
+        estimation.invalid += !isfinite(given[k]);
+        estimation.updates += isfinite(given[k]) != 0;
     }
     for (k = 0; k < INPUTS; k++) {
-        unknown += isnan(given[OUTPUTS + k]) && isnan(known[k]);
+        estimation.unknown += isnan(given[OUTPUTS + k]) && isnan(known[k]);
     }
 }
 
@@ -197,14 +189,14 @@ static void answer(const double *given, int64_t stamp, enum stamp_order order, i
     int k;
 
     if (order == DUPLICATE) {
-        repeated++;
+        estimation.repeated++;
         publish();
         controller_repeat();
         return;
     }
     if (order == RESTART) {
         forget();
-        restarts++;
+        estimation.restarts++;
     }
     zero = zero ? zero : stamp;
     count(given, stamp);
@@ -216,30 +208,30 @@ static void answer(const double *given, int64_t stamp, enum stamp_order order, i
     for (k = 0; k < INPUTS; k++) {
         measurement.applied[k] = (UNIT(real))(isnan(given[OUTPUTS + k]) ? known[k] : given[OUTPUTS + k]);
     }
-    if (!UNIT(observe)(&unit, &measurement, &newest.answer)) {
-        unusable++;
+    if (!UNIT(observe)(&unit, &measurement, &estimation.newest.answer)) {
+        estimation.unusable++;
         return;
     }
     usable = any && stamp > usable ? stamp : usable;
     if (order == LATE) {
-        late++;
+        estimation.late++;
         return;
     }
-    newest.stamp = stamp;
-    newest.began = began;
-    newest.blind = (double)(stamp - usable) / 1e9 > value(ESTIMATOR_SENSOR_TIMEOUT);
-    blind += newest.blind;
+    estimation.newest.stamp = stamp;
+    estimation.newest.began = began;
+    estimation.newest.blind = (double)(stamp - usable) / 1e9 > value(ESTIMATOR_SENSOR_TIMEOUT);
+    estimation.blind += estimation.newest.blind;
     UNIT(real) expected[OUTPUTS];
     UNIT(expected)(&unit, expected);
     for (k = 0; k < OUTPUTS; k++) {
         const double normalised = (double)unit.out[2 * STATES + INPUTS + FOLLOWED + OUTPUTS + 1 + k];
 
-        newest.outputs[k] = (double)expected[k];
-        gated += normalised > GATE;
+        estimation.newest.outputs[k] = (double)expected[k];
+        estimation.gated += normalised > GATE;
     }
-    innovations[seen++ % WINDOW] = (double)unit.out[2 * STATES + INPUTS + FOLLOWED + OUTPUTS];
-    timing_add(&execution, (double)(steady() - began) / 1e9);
-    controller_answer(&newest, order); /* first of all: the rig waits for it */
+    estimation.innovations[estimation.seen++ % WINDOW] = (double)unit.out[2 * STATES + INPUTS + FOLLOWED + OUTPUTS];
+    timing_add(&estimation.execution, (double)(steady() - began) / 1e9);
+    controller_answer(&estimation.newest, order); /* first of all: the rig waits for it */
     pack(given + OUTPUTS);
     publish();
     if (stamp - shown >= SHOW_PERIOD) {
@@ -289,8 +281,8 @@ bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_mes
     if (inlet != &measurements) {
         return false;
     }
-    if (!joints_unpack(given, &entry, &joints) || !joints_read(&joints, &measured, &entry, values)
-        || (order = validator_admit(&entry, joints.source, joints.stamp)) == REFUSED) {
+    if (!joints_unpack(given, &estimation.entry, &joints) || !joints_read(&joints, &measured, &estimation.entry, values)
+        || (order = validator_admit(&estimation.entry, joints.source, joints.stamp)) == REFUSED) {
         return true;
     }
     answer(values, joints.stamp, order, began);
@@ -304,104 +296,9 @@ bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_mes
     return true;
 }
 
-/* ------------------------------------------------------------------ diagnostics */
-
-static void band(double samples, double *low, double *high)
-{
-    const double all = samples * OUTPUTS, spread = 2.0 / (9.0 * all);
-    const double root = 1.959963984540054 * sqrt(spread);
-
-    *low = fmax(all * pow(1.0 - spread - root, 3.0) / samples, 0.0);
-    *high = all * pow(1.0 - spread + root, 3.0) / samples;
-}
-
-static void judge_model(task *own)
-{
-    const long kept = seen < INNOVATIONS ? seen : INNOVATIONS;
-    double sum = 0.0, low, high, worse;
-    char words[WORDS];
-    long k, counted = 0;
-
-    for (k = 0; k < kept && k < WINDOW; k++) {
-        const double one = innovations[(seen - 1 - k) % WINDOW];
-
-        if (isfinite(one)) {
-            sum += one;
-            counted++;
-        }
-    }
-    band(counted ? (double)counted : 1.0, &low, &high);
-    task_begin(own, "model");
-    task_number(own, "innovation_mean_square", counted ? sum / (double)counted : NAN);
-    task_number(own, "innovation_band_low", low);
-    task_number(own, "innovation_band_high", high);
-    for (k = 0; k < FOLLOWED; k++) {
-        snprintf(words, sizeof words, "parameter_%s", followed_names[k]);
-        task_number(own, words, (double)unit.out[2 * STATES + INPUTS + k]);
-    }
-    worse = counted ? sum / (double)counted / high : 0.0;
-    if (worse > value(ESTIMATOR_INNOVATION_WARN)) {
-        own->level = worse > value(ESTIMATOR_INNOVATION_ERROR) ? ERROR : WARN;
-        snprintf(own->message, sizeof own->message, "innovations %.1f times as large as the model says", worse);
-    }
-}
-
-static int health(task *tasks)
-{
-    task *loop = &tasks[0], *sensor = &tasks[1];
-    const double warn = value(ESTIMATOR_WARN_SHARE), error = value(ESTIMATOR_ERROR_SHARE);
-    const double silent = (double)(steady() - entry.heard) / 1e9;
-    char words[WORDS];
-    long dropped = 0;
-    int k;
-
-    task_begin(loop, "loop");
-    trouble(&loop_troubles, "measurements missing", missing);
-    trouble(&loop_troubles, "measurements too late", late);
-    trouble(&loop_troubles, "measurements sooner than the parameter rate says", too_soon);
-    trouble(&loop_troubles, "times that time began anew", restarts);
-    trouble(&loop_troubles, "measurements before the first one of use", unusable);
-    for (k = 0; k < REASONS; k++) {
-        dropped += entry.dropped[k];
-        if (k != UNRELATED) {
-            snprintf(words, sizeof words, "measurements %s", reason_words[k]);
-            trouble(&loop_troubles, words, entry.dropped[k]);
-        }
-    }
-    task_judge(loop, &loop_troubles, updates, warn, error);
-    task_whole(loop, "updates", updates);
-    task_whole(loop, "late_measurements", late);
-    task_whole(loop, "missing_measurements", missing);
-    task_whole(loop, "dropped_measurements", dropped);
-    task_whole(loop, "unusable_measurements", unusable);
-    task_whole(loop, "repeated_measurements", repeated);
-    task_whole(loop, "restarts", restarts);
-    task_text(loop, "body", BODY);
-    task_timing(loop, "execution", &execution);
-    if (entry.heard && silent >= value(ESTIMATOR_STALE_SECONDS)) {
-        loop->level = STALE;
-        snprintf(loop->message, sizeof loop->message, "nothing on joint_states for %.1f s", silent);
-    } else if (!newest.stamp && loop->level == OK) {
-        snprintf(loop->message, sizeof loop->message, "waiting for measurements");
-    }
-    task_begin(sensor, "sensor");
-    trouble(&sensor_troubles, "readings that are no number", invalid);
-    trouble(&sensor_troubles, "readings that the model does not believe", gated);
-    trouble(&sensor_troubles, "estimates without a reading", blind);
-    task_judge(sensor, &sensor_troubles, updates, warn, error);
-    task_whole(sensor, "invalid_entries", invalid);
-    task_whole(sensor, "unknown_inputs", unknown);
-    task_whole(sensor, "gated_outliers", gated);
-    task_whole(sensor, "resets", unit.progress[0].resets);
-    task_whole(sensor, "blind_estimates", blind);
-    task_text(sensor, "not_watched", NOT_WATCHED_SENSORS);
-    judge_model(&tasks[2]);
-    return 3;
-}
-
 static trigger triggers[] = {{"reset", reset, {0}}};
 
 node estimator_node = {
     .name = "estimator", .parameters = estimator_parameters, .count = ESTIMATOR_PARAMETERS, .triggers = triggers,
-    .trigger_count = 1, .activate = activate, .deactivate = deactivate, .health = health,
+    .trigger_count = 1, .activate = activate, .deactivate = deactivate, .health = estimator_health,
 };

@@ -170,6 +170,13 @@ int main(int argc, char **argv)
         node_end(nodes[k - 1]);
     }
     fflush(NULL);
+    if (clock_time >= 0) {
+        (void)!rcl_subscription_fini(&clock_inlet, &controller_node.handle);
+    }
+    for (k = 0; k < 2; k++) {
+        node_close(nodes[k]);
+    }
     (void)!rcl_shutdown(&context);
-    return 0;
+    (void)!rcl_context_fini(&context);
+    _exit(0); /* exit() would free what threads of the middleware still use */
 }

@@ -46,7 +46,8 @@ void refuse(const char *words, ...)
     vfprintf(stderr, words, given);
     fprintf(stderr, "\n");
     va_end(given);
-    exit(2);
+    fflush(NULL);
+    _exit(2); /* exit() would free what threads of the middleware still use */
 }
 
 void announce(const char *words, ...)
@@ -268,4 +269,23 @@ void node_end(node *own)
         own->deactivate(own);
         own->active = false;
     }
+}
+
+/* Leave the graph, so that nobody waits for the node. */
+void node_close(node *own)
+{
+    int k;
+
+    for (k = 0; k < own->trigger_count; k++) {
+        (void)!rcl_service_fini(&own->triggers[k].service, &own->handle);
+    }
+    for (k = 0; k < PARAMETER_SERVICES; k++) {
+        (void)!rcl_service_fini(&own->services[k], &own->handle);
+    }
+    outlet_close(&own->diagnostics, own);
+    outlet_close(&own->events, own);
+    (void)!rcl_lifecycle_state_machine_fini(&own->states, &own->handle);
+    (void)!rcl_logging_rosout_fini_publisher_for_node(&own->handle);
+    (void)!rcl_node_fini(&own->handle);
+    rcl_reset_error();
 }

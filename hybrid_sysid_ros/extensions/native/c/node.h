@@ -70,6 +70,7 @@ void node_begin(node *own);
 void node_serve(node *own);
 void node_report(node *own, bool printed);
 void node_end(node *own);
+void node_close(node *own);
 
 void parameters_begin(node *own);
 void parameters_open(node *own);

@@ -1,0 +1,101 @@
+/* What the estimator says of itself. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "estimator.h"
+
+static troubles loop_troubles, sensor_troubles;
+
+static void band(double samples, double *low, double *high)
+{
+    const double all = samples * OUTPUTS, spread = 2.0 / (9.0 * all);
+    const double root = 1.959963984540054 * sqrt(spread);
+
+    *low = fmax(all * pow(1.0 - spread - root, 3.0) / samples, 0.0);
+    *high = all * pow(1.0 - spread + root, 3.0) / samples;
+}
+
+static void judge_model(task *own)
+{
+    const long kept = estimation.seen < INNOVATIONS ? estimation.seen : INNOVATIONS;
+    double sum = 0.0, low, high, worse;
+    char words[WORDS];
+    long k, counted = 0;
+
+    for (k = 0; k < kept && k < WINDOW; k++) {
+        const double one = estimation.innovations[(estimation.seen - 1 - k) % WINDOW];
+
+        if (isfinite(one)) {
+            sum += one;
+            counted++;
+        }
+    }
+    band(counted ? (double)counted : 1.0, &low, &high);
+    task_begin(own, "model");
+    task_number(own, "innovation_mean_square", counted ? sum / (double)counted : NAN);
+    task_number(own, "innovation_band_low", low);
+    task_number(own, "innovation_band_high", high);
+    for (k = 0; k < FOLLOWED; k++) {
+        snprintf(words, sizeof words, "parameter_%s", followed_names[k]);
+        task_number(own, words, (double)unit.out[2 * STATES + INPUTS + k]);
+    }
+    worse = counted ? sum / (double)counted / high : 0.0;
+    if (worse > value(ESTIMATOR_INNOVATION_WARN)) {
+        own->level = worse > value(ESTIMATOR_INNOVATION_ERROR) ? ERROR : WARN;
+        snprintf(own->message, sizeof own->message, "innovations %.1f times as large as the model says", worse);
+    }
+}
+
+int estimator_health(task *tasks)
+{
+    task *loop = &tasks[0], *sensor = &tasks[1];
+    const double warn = value(ESTIMATOR_WARN_SHARE), error = value(ESTIMATOR_ERROR_SHARE);
+    const double silent = (double)(steady() - estimation.entry.heard) / 1e9;
+    char words[WORDS];
+    long dropped = 0;
+    int k;
+
+    task_begin(loop, "loop");
+    trouble(&loop_troubles, "measurements missing", estimation.missing);
+    trouble(&loop_troubles, "measurements too late", estimation.late);
+    trouble(&loop_troubles, "measurements sooner than the parameter rate says", estimation.too_soon);
+    trouble(&loop_troubles, "times that time began anew", estimation.restarts);
+    trouble(&loop_troubles, "measurements before the first one of use", estimation.unusable);
+    for (k = 0; k < REASONS; k++) {
+        dropped += estimation.entry.dropped[k];
+        if (k != UNRELATED) {
+            snprintf(words, sizeof words, "measurements %s", reason_words[k]);
+            trouble(&loop_troubles, words, estimation.entry.dropped[k]);
+        }
+    }
+    task_judge(loop, &loop_troubles, estimation.updates, warn, error);
+    task_whole(loop, "updates", estimation.updates);
+    task_whole(loop, "late_measurements", estimation.late);
+    task_whole(loop, "missing_measurements", estimation.missing);
+    task_whole(loop, "dropped_measurements", dropped);
+    task_whole(loop, "unusable_measurements", estimation.unusable);
+    task_whole(loop, "repeated_measurements", estimation.repeated);
+    task_whole(loop, "restarts", estimation.restarts);
+    task_text(loop, "body", BODY);
+    task_timing(loop, "execution", &estimation.execution);
+    if (estimation.entry.heard && silent >= value(ESTIMATOR_STALE_SECONDS)) {
+        loop->level = STALE;
+        snprintf(loop->message, sizeof loop->message, "nothing on joint_states for %.1f s", silent);
+    } else if (!estimation.newest.stamp && loop->level == OK) {
+        snprintf(loop->message, sizeof loop->message, "waiting for measurements");
+    }
+    task_begin(sensor, "sensor");
+    trouble(&sensor_troubles, "readings that are no number", estimation.invalid);
+    trouble(&sensor_troubles, "readings that the model does not believe", estimation.gated);
+    trouble(&sensor_troubles, "estimates without a reading", estimation.blind);
+    task_judge(sensor, &sensor_troubles, estimation.updates, warn, error);
+    task_whole(sensor, "invalid_entries", estimation.invalid);
+    task_whole(sensor, "unknown_inputs", estimation.unknown);
+    task_whole(sensor, "gated_outliers", estimation.gated);
+    task_whole(sensor, "resets", unit.progress[0].resets);
+    task_whole(sensor, "blind_estimates", estimation.blind);
+    task_text(sensor, "not_watched", NOT_WATCHED_SENSORS);
+    judge_model(&tasks[2]);
+    return 3;
+}
