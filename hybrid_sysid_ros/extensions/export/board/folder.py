@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.extensions.export.c_source import Text
+from hybrid_sysid_ros.extensions.export.unit import stack_use
 from hybrid_sysid_ros.extensions.export.unit.folder import MANIFEST as UNIT_MANIFEST
 from hybrid_sysid_ros.extensions.export.unit.folder import RECORDED, UnitExport, export_loop
 from hybrid_sysid_ros.models import Model
@@ -71,6 +72,8 @@ class BoardRun:
     """Bytes of the image: code and constants."""
     ram: int
     """Bytes, without the stack."""
+    stack: int
+    """Bytes of the stack at most, without those of the C library."""
 
 
 def missing_tools() -> dict[str, str]:
@@ -106,7 +109,7 @@ def export_board(
             single=chosen.single, shown=RECORDED,
         )  # fmt: skip
         write_sources(folder, done, chosen)
-        found = None if missing_tools() else run(folder)
+        found = None if missing_tools() else run(folder, done)
         if found is not None and found.wrong:
             raise UserError(
                 f"export: {found.wrong} of {RECORDED} periods on the {chosen.core} differ from Python's, by "
@@ -144,18 +147,20 @@ def write_sources(folder: Path, done: UnitExport, board: BoardFamily) -> None:
         (folder / path.name).write_text(text, encoding="utf-8")
 
 
-def run(folder: Path) -> BoardRun:
-    """Build a folder and replay its periods in the emulator. Raises UserError where a tool fails."""
+def run(folder: Path, done: UnitExport) -> BoardRun:
+    """Build the folder of a unit and replay its periods in the emulator. Raises UserError where a tool fails."""
     text = make(folder, "run")
     sections = make(folder, "size").splitlines()[-1].split()
     answers = re.search(r"(\d+) of \d+ periods wrong, largest difference (\S+),", text)
     counted = re.search(r"first (\d+), then median (\d+), 99 % (\d+), most (\d+)", text)
     if answers is None or counted is None:
         raise UserError(f"{folder}: the emulator says {text.strip()[-200:]!r}")
+    calls = [f"{done.name}_{call}" for call in ("observe", "decide", "prepare", "reset", "forget_plan")]
     first, median, percentile, most = map(int, counted.groups())
     return BoardRun(
         wrong=int(answers[1]), difference=float(answers[2]), first=first, median=median, percentile=percentile,
         most=most,
+        stack=stack_use.most_bytes(folder / "build", calls, constraints=done.active),
         flash=int(sections[0]) + int(sections[1]), ram=int(sections[1]) + int(sections[2]),
     )  # fmt: skip
 

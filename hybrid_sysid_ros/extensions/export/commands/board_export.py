@@ -49,5 +49,5 @@ def command(
     console.print(
         f"{out}: {periods} recorded periods on the Cortex-{core} as in Python, inputs to {found.difference:.1e}; "
         f"instructions of a period: first {found.first}, then median {found.median}, most {found.most}; "
-        f"flash {found.flash} bytes, memory {found.ram} bytes"
+        f"flash {found.flash} bytes, memory {found.ram} bytes, stack {found.stack} bytes at most"
     )

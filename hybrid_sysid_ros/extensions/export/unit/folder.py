@@ -74,6 +74,8 @@ class UnitExport:
     periods: Mapping[str, int]
     sizes: Mapping[str, int]
     """Numbers of states, inputs, outputs, and the horizon's length."""
+    active: int
+    """How many constraints can be active in the solver."""
 
 
 def export_loop(
@@ -147,6 +149,7 @@ def export_loop(
             stack=stack,
             periods={"recorded": periods, "odd": more},
             sizes=sizes_of(loop),
+            active=unit.most_active(loop),
         )
         test = list(zip(questions[:shown], answers[:shown], strict=True))
         _write_rest(partial, done, python, title=title, about=about, single=single, shown=test)
