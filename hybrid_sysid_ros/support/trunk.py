@@ -13,13 +13,17 @@ SECTIONS = (
 NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
     "driver": ("rig driver",), "ensemble": ("ensemble",), "experiment_design": ("design",),
-    "export": ("model export", "policy export", "export fmu", "export loop"),
+    "export": (
+        "model export", "policy export", "export fmu", "export loop", "export board", "export ros2_control", "--baud",
+        "--board", "--body",
+    ),
     "frequency_response": ("frequency-response",), "friction_atlas": ("friction", "--beside"),
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"), "input_bias": ("--adapt",),
-    "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "pages": ("docs",),
+    "graph": ("get", "set", "call", "topics", "nodes"), "narx": ("narx", "residual"), "native": ("--body", "--native"),
+    "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),
     "promotion": ("promote",), "record_check": ("check-record",), "recurrent": ("recurrent",), "search": ("search",),
-    "state_space": ("state_space",), "trained_range": ("trained-range",), "trim": ("trim",),
+    "state_space": ("state_space",), "trained_range": ("trained-range",), "trim": ("trim",), "tuning": ("tune",),
     "view": ("view", "rig layouts", "--view", "--port"),
     "vision": ("film", "video", "camera", "vision", "--camera", "--layers", "--picture"),
 }  # fmt: skip
