@@ -36,7 +36,7 @@ IPOPT_ROWS = 40
 LOOPS, CERTIFIED = 600, 100_000
 ASKED = {"network_per_second": 15_000.0, "over_ipopt": 4.0, "certificate_minutes": 5.0, "kept": 0.999, "plain": 0.95}
 """On two cores; kept: the least share of loops within a tightened bound, plain: the most within one that is not."""
-BOUND, REFERENCE, TIGHTENED, PERIODS = 0.05, 0.08, 10_000, 40
+BOUND, LOWER, REFERENCE, TIGHTENED, PERIODS = 0.05, -0.04, 0.08, 10_000, 40
 """Of the beam's angle, and of the steps that it is asked for [rad]; number and length of the loops."""
 
 
@@ -144,7 +144,7 @@ def tightening() -> dict[str, Any]:
     plain = configuration.mpc_problem(values, rig, system)
     states, offset = tuple(given["state_error"]), tuple(given["disturbance_error"])
     errors: dict[str, Any] = {"states": states, "disturbance": offset, "periods": PERIODS}
-    asked = Tightening(share=ASKED["kept"], between=[[-BOUND], [BOUND]], **errors)
+    asked = Tightening(share=ASKED["kept"], between=[[LOWER], [REFERENCE]], **errors)
     covariance = covariance_of(model, system)
     began = perf_counter()
     moved = tightened(system, plain, asked, covariance)
@@ -153,10 +153,10 @@ def tightening() -> dict[str, Any]:
     low, high = np.array([[item.low, item.high] for item in system.parameters]).T
 
     def drawn(number: int) -> scenarios.Scenario:
-        random, parameters = np.random.default_rng([5, number]), system.values.copy()
+        random, parameters = np.random.default_rng([6, number]), system.values.copy()
         parameters[free] = random.multivariate_normal(parameters[free], covariance)
         phase, hold = random.integers(0, 20), random.integers(8, 21)
-        wanted = np.where((np.arange(PERIODS + plain.horizon - 1) + phase) // hold % 2, REFERENCE, -0.5 * REFERENCE)
+        wanted = np.where((np.arange(PERIODS + plain.horizon - 1) + phase) // hold % 2, REFERENCE, LOWER)
         nothing = {"states": np.zeros((PERIODS, 2)), "pushes": np.zeros((PERIODS, 2))}
         none = np.zeros((PERIODS, 1))
         return scenarios.Scenario(
