@@ -14,19 +14,16 @@ from small_policies import PROBLEM, TWO, policy_of  # type: ignore[import-not-fo
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.shooting import rollout
-from hybrid_sysid_ros.control.safety.supervisor import (
+from hybrid_sysid_ros.control.safety.supervision import (
     ACCEPTED,
     COSTLIER,
     DISTURBED,
     IMPROVED,
     INFEASIBLE,
-    LAYERS,
     OUT_OF_RANGE,
-    REASONS,
     WAITING,
-    Supervisor,
-    Tolerances,
 )
+from hybrid_sysid_ros.control.safety.supervisor import LAYERS, REASONS, Supervisor, Tolerances
 from hybrid_sysid_ros.support.errors import UserError
 
 ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]
@@ -70,7 +67,8 @@ def checked(case, policy, instance, last_plan, tolerances=TOLERANCES):
     mpc = ExactMpc(case.system, policy.problem)
     supervisor, horizon = Supervisor(policy, mpc, tolerances), mpc.shooting.horizon
     mpc.adopt(np.zeros(policy.inputs), np.reshape(last_plan, horizon.inputs.shape), np.zeros_like(horizon.states))
-    return supervisor.check(*instance)
+    supervisor.control(*instance)
+    return supervisor.reason
 
 
 # The check

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.control.mpc.horizon import Instance, prediction
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, rollout
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.control.steady_motion import output_map_at, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
@@ -249,7 +249,7 @@ def beginnings(
     at_reference = random.uniform(size=(periods, 1)) >= apart
     outputs, states = np.where(at_reference, wanted, anywhere), np.zeros((periods, n))
     sizes, push = size * random.normal(size=(periods, n)), np.array(spread.push)
-    shown = steady_motion(system, problem, np.array(spread.centre)).output_map * push
+    shown = output_map_at(system, problem, np.array(spread.centre)) * push
     hidden = np.eye(n) - np.linalg.pinv(shown) @ shown
     for k in np.flatnonzero(begins):
         states[k] = steady_motion(system, problem, outputs[k]).state + push * (hidden @ sizes[k])

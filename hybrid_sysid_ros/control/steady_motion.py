@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,6 +54,19 @@ def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> St
     return SteadyMotion(unknown[: len(names)], unknown[len(names) : len(names) + len(system.inputs)], found)
 
 
+_KNOWN: dict[Any, Array] = {}
+
+
+def output_map_at(system: System, problem: ControlProblem, outputs: Array) -> Array:
+    """C (tracked, n) of the steady motion at outputs (p,). The last one is kept: scenarios ask for it over and over."""
+    key = system.form, system.values.tobytes(), system.weights.tobytes(), problem, outputs.tobytes()
+    found = _KNOWN.get(key)
+    if found is None:
+        _KNOWN.clear()
+        found = _KNOWN[key] = steady_motion(system, problem, outputs).output_map
+    return found
+
+
 def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Array) -> tuple[Array, Array]:
     """[x, u, d] of the four equations, from a first iterate, and C there."""
     tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
@@ -87,16 +100,13 @@ def _unmoved(a: Array, b: Array) -> Array:
 def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
     """The matrix of the four equations by [x, u, d]."""
     n, m, tracked = len(a), b.shape[1], len(c)
-    moving = a - np.eye(n)
-    none = np.zeros((n, m))
-    return np.block(
-        [
-            [moving, b, -np.eye(n)],
-            [np.zeros((n, n)), none, moving],
-            [c, by_u, np.zeros((tracked, n))],
-            [np.zeros((tracked, n)), np.zeros((tracked, m)), c],
-        ]
-    )
+    moving, drift, seen = a - np.eye(n), n + m, 2 * n + tracked
+    matrix = np.zeros((seen + tracked, drift + n))
+    matrix[:n, :n], matrix[:n, n:drift], matrix[:n, drift:] = moving, b, -np.eye(n)
+    matrix[n : 2 * n, drift:] = moving
+    matrix[2 * n : seen, :n], matrix[2 * n : seen, n:drift] = c, by_u
+    matrix[seen:, drift:] = c
+    return matrix
 
 
 def jacobian_at(

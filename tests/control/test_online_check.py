@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control.mpc import shooting
-from hybrid_sysid_ros.control.safety.supervisor import INPUT_ROUNDING as ROUNDING
-from hybrid_sysid_ros.control.safety.supervisor import _bounded
+from hybrid_sysid_ros.control.safety.supervision import INPUT_ROUNDING as ROUNDING
+from hybrid_sysid_ros.control.safety.supervision import _bounded
 
 LIMITS = SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
 STEADY = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])

@@ -12,7 +12,7 @@ import pytest
 from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
-from hybrid_sysid_ros.control.safety.supervisor import _allowed
+from hybrid_sysid_ros.control.safety.supervision import _allowed
 from hybrid_sysid_ros.control.terminal_cost import riccati_terms
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.support.errors import UserError

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
-from hybrid_sysid_ros.control.mpc.quadratic_program import Program, clear_working_set, factorise_matrices
-from hybrid_sysid_ros.control.mpc.shooting import answer, linearise_program, plan_within, shift_trajectory
-from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.control.mpc.quadratic_program import Program, clear_working_set, factorise
+from hybrid_sysid_ros.control.mpc.shooting import (
+    answer,
+    linearise_program,
+    plan_within,
+    restore_trajectory,
+    shift_trajectory,
+)
+from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -54,21 +59,32 @@ def forget_plan(mpc: MpcMemory) -> None:
 
 
 @inner
-def solve_instance(mpc: MpcMemory, instance: Instance, solved: Any) -> None:
-    """A call of the exact MPC. solved: what other ways to solve an instance need; not used here."""
+def solve_instance(mpc: MpcMemory, instance: Instance, iterations: int) -> None:
+    """A call of the exact MPC."""
+    solve_within(mpc, instance, iterations, True)
+
+
+@inner
+def solve_within(mpc: MpcMemory, instance: Instance, iterations: int, anew: bool) -> None:
+    """Steps of a call, at most ``iterations``. anew: False goes on with the last call."""
     call = mpc.call[0]
-    iterate = mpc.real_time != 0 and call.prepared != 0 and call.cold == 0
+    iterate = anew and mpc.real_time != 0 and call.prepared != 0 and call.cold == 0
+    cold, before = anew and call.cold != 0, 0 if anew else call.iterations
     call.prepared = 0
-    found = answer(
-        mpc.prediction, mpc.horizon, mpc.program, instance, mpc.iterations, mpc.tolerance, call.cold != 0, iterate, True
-    )
-    call.iterations, call.residual = found.iterations, found.residual
+    found = answer(mpc.prediction, mpc.horizon, mpc.program, instance, iterations, mpc.tolerance, cold, iterate, anew)
+    call.iterations, call.residual = before + found.iterations, found.residual
     if found.iterations > 0:
         call.cold = 0
         call.status = SOLVED if found.solved else ITERATED if iterate else NOT_CONVERGED
-        return
-    call.status = FAILED
-    if call.cold != 0:
+    else:
+        call.status = FAILED
+        plan_rest(mpc, instance)
+
+
+@inner
+def plan_rest(mpc: MpcMemory, instance: Instance) -> None:
+    """Plan what is left of the last plan, or the previous inputs."""
+    if mpc.call[0].cold != 0:
         hold(mpc.horizon, instance)
     else:
         plan_within(mpc.horizon, instance)
@@ -96,7 +112,7 @@ def shift_plan(mpc: MpcMemory) -> None:
 def linearise_plan(mpc: MpcMemory) -> None:
     """Prepare the program around the last plan."""
     linearise_program(mpc.prediction, mpc.horizon, mpc.program)
-    mpc.call[0].prepared = 1 if factorise_matrices(mpc.program) else 0
+    mpc.call[0].prepared = 1 if factorise(mpc.program) else 0
 
 
 @inner
@@ -117,3 +133,40 @@ def hold(horizon: Horizon, instance: Instance) -> None:
         for j in range(horizon.planned.shape[1]):
             last = instance.previous[j] if math.isfinite(instance.previous[j]) else 0.0
             horizon.planned[i, j] = min(max(last, limits.low[j]), limits.high[j])
+
+
+# ---------------------------------------------------------------------- for Python
+
+
+@kernel
+def forget_call(mpc: MpcMemory) -> None:
+    """:func:`forget_plan` for Python."""
+    forget_plan(mpc)
+
+
+@kernel
+def solve_call(mpc: MpcMemory, instance: Instance, iterations: int, anew: bool) -> int:
+    """:func:`solve_within` for Python; the status."""
+    solve_within(mpc, instance, iterations, anew)
+    return mpc.call[0].status  # type: ignore[no-any-return]
+
+
+@kernel
+def give_up(mpc: MpcMemory, instance: Instance, cold: bool) -> None:
+    """End a call without an answer. cold: there was no plan before it."""
+    restore_trajectory(mpc.horizon, mpc.program)
+    call = mpc.call[0]
+    call.cold, call.status = 1 if cold else 0, FAILED
+    plan_rest(mpc, instance)
+
+
+@kernel
+def prepare_call(mpc: MpcMemory, elapsed: float) -> None:
+    """:func:`prepare_mpc` for Python."""
+    prepare_mpc(mpc, elapsed)
+
+
+@kernel
+def prepare_again(mpc: MpcMemory) -> None:
+    """:func:`linearise_plan` for Python."""
+    linearise_plan(mpc)

@@ -5,28 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
+from hybrid_sysid_ros.control.controller import MpcSolution, Status
+from hybrid_sysid_ros.control.mpc import calls
 from hybrid_sysid_ros.control.mpc.batch import PIECE, Effort, LoopArrays, MpcAnswers, answer_rows, in_threads
-from hybrid_sysid_ros.control.mpc.calls import CALL, MpcMemory
-from hybrid_sysid_ros.control.mpc.horizon import new_instance
-from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
-from hybrid_sysid_ros.control.mpc.shooting import (
-    HorizonMemory,
-    forget,
-    plan,
-    prepare_program,
-    restore,
-    rollout,
-    shift,
-    shooting,
+from hybrid_sysid_ros.control.mpc.calls import (
+    CALL,
+    MpcMemory,
+    forget_call,
+    give_up,
+    prepare_again,
+    prepare_call,
     solve_call,
 )
+from hybrid_sysid_ros.control.mpc.horizon import Instance, new_instance
+from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, rollout, shooting
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
@@ -34,6 +32,16 @@ from hybrid_sysid_ros.support.errors import UserError
 
 BETWEEN_LOOKS = 4
 """Iterations between two readings of the clock."""
+
+STATUSES = {
+    calls.SOLVED: Status.SOLVED,
+    calls.ITERATED: Status.ITERATED,
+    calls.NOT_CONVERGED: Status.NOT_CONVERGED,
+    calls.FAILED: Status.FAILED,
+    calls.POLICY: Status.POLICY,
+    calls.HELD: Status.HELD,
+}
+"""Python's names of how an answer was found."""
 
 
 class ExactMpc:
@@ -67,46 +75,47 @@ class ExactMpc:
         self._tolerance = tolerance
         self._time_limit = time_limit
         self._clock = clock
-        self._shooting = shooting(system, problem)
-        _, self._instance = new_instance(system, self.problem)
-        self.iterations = 0
-        self.residual = math.inf
-        # Compile now what only a late answer needs, not when it is late.
-        restore(self._shooting.horizon, self._shooting.program)
-        plan(self._shooting.horizon, self._instance)
+        self._shooting = known = shooting(system, problem)
+        self.compiled = MpcMemory(
+            prediction=known.prediction,
+            horizon=known.horizon,
+            program=known.program,
+            call=np.zeros(1, CALL),
+            real_time=int(real_time),
+            iterations=self.problem.max_iterations,
+            tolerance=tolerance,
+            interval=self.period,
+        )
+        self._call = self.compiled.call
+        _, self.instance = new_instance(system, self.problem)
+        """Of the last call."""
+        give_up(self.compiled, self.instance, True)  # compiled now, not when an answer is late
+        self._call["residual"] = math.inf
         self.reset()
 
     def reset(self) -> None:
         """Forget the last plan."""
-        forget(self._shooting.program)
-        self._cold = True
-        self._prepared = False
+        forget_call(self.compiled)
+
+    @property
+    def iterations(self) -> int:
+        """Those of the last call."""
+        return int(self._call["iterations"][0])
+
+    @property
+    def residual(self) -> float:
+        """KKT residual after them."""
+        return float(self._call["residual"][0])
 
     @property
     def cold(self) -> bool:
         """Whether there is no last plan."""
-        return self._cold
+        return bool(self._call["cold"][0])
 
     @property
     def shooting(self) -> HorizonMemory:
         """Its memory; the inputs of its horizon are the last plan, shifted by :meth:`prepare`."""
         return self._shooting
-
-    @cached_property
-    def compiled(self) -> MpcMemory:
-        """The same exact MPC for compiled code, which remembers its own last call."""
-        call = np.zeros(1, CALL)
-        call["cold"] = 1
-        return MpcMemory(
-            prediction=self._shooting.prediction,
-            horizon=self._shooting.horizon,
-            program=self._shooting.program,
-            call=call,
-            real_time=int(self.real_time),
-            iterations=self.problem.max_iterations,
-            tolerance=self._tolerance,
-            interval=self.period,
-        )
 
     def assign(self, **values: Any) -> None:
         """Give parameters of the stages by their names, one value for all or N: limits, prices, places of obstacles.
@@ -115,8 +124,8 @@ class ExactMpc:
         or don't cover the horizon.
         """
         self.problem.assign(self._shooting.prediction.stage, values)
-        if self._prepared:
-            self._prepare_program()
+        if self._call["prepared"][0]:
+            prepare_again(self.compiled)
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
         """Take another controller's plan as the last one: inputs (N, m) and their states (N + 1, n) under an input
@@ -124,21 +133,11 @@ class ExactMpc:
         """
         horizon = self._shooting.horizon
         horizon.disturbance[:], horizon.inputs[:], horizon.states[:] = disturbance, inputs, states
-        self._cold = self._prepared = False
+        self._call["cold"] = self._call["prepared"] = 0
 
     def prepare(self, elapsed: float) -> None:
         """Shift the plan by the time until the next call [s], and in real time linearise there."""
-        if self._cold:
-            return
-        mpc = self._shooting
-        shift(mpc.prediction, mpc.horizon, min(elapsed / self.period, 1.0))
-        if self.real_time:
-            self._prepare_program()
-
-    def _prepare_program(self) -> None:
-        mpc = self._shooting
-        prepare_program(mpc.prediction, mpc.horizon, mpc.program)
-        self._prepared = factorise(mpc.program)
+        prepare_call(self.compiled, elapsed)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`.
@@ -147,44 +146,33 @@ class ExactMpc:
         last plan; without one it is the previous input, or zero if that is not a number either. Raises UserError for a
         part of another shape, where there is no last plan.
         """
-        mpc, instance = self._shooting, self._instance
-        if self._cold:  # once: a loop's later calls have the shapes of its first
+        instance = self.instance
+        if self.cold:  # once: a loop's later calls have the shapes of its first
             instance.check(state, disturbance, previous_input, preview)
         instance.assign(state, disturbance, previous_input, preview)
-        iterate = self.real_time and self._prepared and not self._cold
-        self._prepared = False
-        most, share = self.problem.max_iterations, self.problem.max_iterations
-        began = 0.0
+        return self.planned(self.within_time(instance, partial(solve_call, self.compiled, instance)))
+
+    def within_time(self, instance: Instance, call: Callable[[int, bool], int]) -> Status:
+        """Let a call (iterations, anew) -> status of compiled code go on until it is answered or the time is over."""
+        cold, most, share, began = self.cold, self.problem.max_iterations, self.problem.max_iterations, 0.0
         if self._clock is not None:
             began, share = self._clock(), min(BETWEEN_LOOKS, most)
-        parts = mpc.prediction, mpc.horizon, mpc.program, instance
-        found = solve_call(*parts, share, self._tolerance, self._cold, iterate, True)
-        self.iterations, self.residual = found.iterations, found.residual
-        if not found.iterations:
-            return self._rest(Status.FAILED)
-        status = Status.SOLVED if found.solved else Status.ITERATED if iterate else Status.NOT_CONVERGED
-        if status is Status.NOT_CONVERGED and self.iterations < most:
-            status = self._go_on(began)
-        if status is Status.FAILED or status is Status.LATE:
-            restore(mpc.horizon, mpc.program)
-            return self._rest(status)
-        self._cold = False
-        return self._planned(status)
+        status = STATUSES[call(share, True)]
+        while status is Status.NOT_CONVERGED and self.iterations < most:
+            if self._clock is not None and self._clock() - began > self._time_limit:
+                status = Status.LATE
+            else:
+                status = STATUSES[call(min(BETWEEN_LOOKS, most - self.iterations), False)]
+            if status is Status.LATE or status is Status.FAILED:
+                give_up(self.compiled, instance, cold)
+        return status
 
-    def step(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Array | None:
-        """The first inputs (m,) after one step from the last plan, linearised there unless :meth:`prepare` has; None
-        where the program has no solution. That step is the last plan then.
-        """
-        mpc = self._shooting
-        if not self._prepared:
-            self._prepare_program()
-            if not self._prepared:
-                return None
-        self._prepared = False
-        self._instance.assign(state, disturbance, previous_input, preview)
-        parts = mpc.prediction, mpc.horizon, mpc.program, self._instance
-        found = solve_call(*parts, 1, self._tolerance, False, True, True)
-        return mpc.horizon.planned[0].copy() if found.iterations else None
+    def planned(self, status: Status) -> MpcSolution:
+        """The plan in the horizon; without states where there is no last plan."""
+        horizon = self._shooting.horizon
+        inputs, states = horizon.planned.copy(), horizon.states[1:]
+        known = 0 if self.cold or status is Status.HELD else len(states)
+        return MpcSolution(input=inputs[0].copy(), inputs=inputs, states=states[:known].copy(), status=status)
 
     def memory(self) -> HorizonMemory:
         """Further memory of the same problem, for a thread of its own; the parameters of the stages are shared."""
@@ -246,31 +234,5 @@ class ExactMpc:
         """
         mpc = self._shooting
         states = np.empty_like(mpc.horizon.states)
-        cost, _ = rollout(mpc.prediction, mpc.horizon.weights, self._instance, inputs.copy(), states)
+        cost, _ = rollout(mpc.prediction, mpc.horizon.weights, self.instance, inputs.copy(), states)
         return float(cost), states
-
-    def _go_on(self, began: float) -> Status:
-        """Iterate until solved, out of iterations or out of time."""
-        mpc, most, status = self._shooting, self.problem.max_iterations, Status.NOT_CONVERGED
-        parts = mpc.prediction, mpc.horizon, mpc.program, self._instance
-        while status is Status.NOT_CONVERGED and self.iterations < most:
-            if self._clock is not None and self._clock() - began > self._time_limit:
-                return Status.LATE
-            share = min(BETWEEN_LOOKS, most - self.iterations)
-            found = solve_call(*parts, share, self._tolerance, False, False, False)
-            self.iterations += found.iterations
-            self.residual = found.residual
-            status = Status.SOLVED if found.solved else Status.NOT_CONVERGED if found.iterations else Status.FAILED
-        return status
-
-    def _rest(self, status: Status) -> MpcSolution:
-        """The rest of the last plan, or the previous input."""
-        if self._cold:
-            return held(self._instance.previous, self.problem, status)
-        plan(self._shooting.horizon, self._instance)
-        return self._planned(status)
-
-    def _planned(self, status: Status) -> MpcSolution:
-        horizon = self._shooting.horizon
-        inputs = horizon.planned.copy()
-        return MpcSolution(input=inputs[0].copy(), inputs=inputs, states=horizon.states[1:].copy(), status=status)

@@ -19,7 +19,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -207,14 +207,8 @@ def solve(program: Program, changed: int) -> bool:
     return sound
 
 
-@kernel
-def factorise(program: Program) -> bool:
-    """:func:`factorise_matrices` for Python."""
-    return factorise_matrices(program)  # type: ignore[no-any-return]
-
-
 @inner
-def factorise_matrices(program: Program) -> bool:
+def factorise(program: Program) -> bool:
     """Factorise new matrices before the next solution, which then only has new vectors."""
     problem, workspace, _, update, _ = program.addresses
     return _update(update, MATRICES, workspace, problem) >= 0  # type: ignore[no-any-return]

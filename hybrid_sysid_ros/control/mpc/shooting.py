@@ -101,12 +101,6 @@ def cold_start(prediction: PredictionModel, horizon: Horizon, instance: Instance
         assign(horizon.states[i + 1], x)
 
 
-@kernel
-def shift(prediction: PredictionModel, horizon: Horizon, fraction: float) -> None:
-    """:func:`shift_trajectory` for Python."""
-    shift_trajectory(prediction, horizon, fraction)
-
-
 @inner
 def shift_trajectory(prediction: PredictionModel, horizon: Horizon, fraction: float) -> None:
     """Shift the trajectory by a fraction of an interval."""
@@ -169,19 +163,7 @@ def bound_inputs(horizon: Horizon, previous: Array, inputs: Array) -> None:
     clamp_inputs(horizon, previous, inputs, False)
 
 
-@kernel
-def forget(program: Program) -> None:
-    """Let the next search begin with an empty working set."""
-    quadratic.clear_working_set(program)
-
-
 # ---------------------------------------------------------------------- the two phases of a real-time iteration
-
-
-@kernel
-def prepare_program(prediction: PredictionModel, horizon: Horizon, program: Program) -> None:
-    """:func:`linearise_program` for Python."""
-    linearise_program(prediction, horizon, program)
 
 
 @inner
@@ -220,22 +202,6 @@ def feedback(
 
 
 # ---------------------------------------------------------------------- a call of the controller
-
-
-@kernel
-def solve_call(
-    prediction: PredictionModel,
-    horizon: Horizon,
-    program: Program,
-    instance: Instance,
-    iterations: int,
-    tolerance: float,
-    cold: bool,
-    prepared: bool,
-    anew: bool,
-) -> SolverResult:
-    """:func:`answer` for Python."""
-    return answer(prediction, horizon, program, instance, iterations, tolerance, cold, prepared, anew)
 
 
 @inner
@@ -289,23 +255,11 @@ def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, co
     return True
 
 
-@kernel
-def plan(horizon: Horizon, instance: Instance) -> None:
-    """:func:`plan_within` for Python."""
-    plan_within(horizon, instance)
-
-
 @inner
 def plan_within(horizon: Horizon, instance: Instance) -> None:
     """Write the plan: inputs of the trajectory within all limits after the previous input."""
     assign_rows(horizon.inputs, horizon.planned)
     clamp_inputs(horizon, instance.previous, horizon.planned, False)
-
-
-@kernel
-def restore(horizon: Horizon, program: Program) -> None:
-    """:func:`restore_trajectory` for Python."""
-    restore_trajectory(horizon, program)
 
 
 @inner

@@ -25,13 +25,14 @@ from hybrid_sysid_ros.control.mpc.calls import (
     hold,
     linearise_plan,
     prepare_mpc,
+    solve_within,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, set_stage
 from hybrid_sysid_ros.control.mpc.shooting import answer, follow
 from hybrid_sysid_ros.control.policy.kernels import inside, network_answer
 from hybrid_sysid_ros.core.call import call_value
-from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -89,7 +90,9 @@ class SupervisorMemory(Shared):
 
 
 Solve = Callable[[MpcMemory, Instance, Any], None]
-"""How an instance is solved: :func:`~hybrid_sysid_ros.control.mpc.calls.solve_instance`, or another."""
+"""How an instance is solved, with what that needs: :func:`~hybrid_sysid_ros.control.mpc.calls.solve_instance` with its
+iterations, or another.
+"""
 
 
 @inner
@@ -105,33 +108,46 @@ def begin_supervision(own: SupervisorMemory) -> None:
 
 
 @inner
-def answer_supervised(own: SupervisorMemory, instance: Instance, solve: Solve, solved: Any) -> None:
+def answer_supervised(own: SupervisorMemory, instance: Instance, solve: Solve, needs: Any) -> None:
     """The policy's plan where it passes the check, else that of the exact MPC, the rest of its last one, or the last
     inputs; it is in ``planned`` of the horizon. instance: views of ``own.flat``.
     """
-    mpc, course = own.mpc, own.course[0]
-    call, horizon = mpc.call[0], mpc.horizon
-    course.unsolved = 0
-    course.reason = _checked(own, instance)
-    if course.reason == ACCEPTED:
-        course.unplanned = 0.0
-        if own.steps == 0:
-            adopt_plan(mpc, instance.disturbance, own.inputs, own.states)
-        call.status = POLICY
-        assign_rows(own.inputs, horizon.planned)
-        return
-    solve(mpc, instance, solved)
-    if call.status != FAILED:
-        course.unplanned = 0.0
-    elif call.cold != 0 or course.unplanned > (horizon.inputs.shape[0] - TIME_ROUNDING) * mpc.interval:
-        call.status = HELD
-        hold(horizon, instance)
-    if course.waiting > 0 and course.reason == WAITING:
-        course.waiting = course.waiting - 1 if _near(own, horizon.planned[0], own.inputs[0]) else own.patience
+    if not accept(own, instance):
+        solve(own.mpc, instance, needs)
+        fall_back(own, instance)
 
 
 @inner
-def prepare_supervision(own: SupervisorMemory, instance: Instance, elapsed: float, solve: Solve, solved: Any) -> None:
+def accept(own: SupervisorMemory, instance: Instance) -> bool:
+    """Whether the policy answers, and its plan then."""
+    course = own.course[0]
+    course.unsolved = 0
+    course.reason = _checked(own, instance)
+    if course.reason != ACCEPTED:
+        return False
+    course.unplanned = 0.0
+    if own.steps == 0:
+        adopt_plan(own.mpc, instance.disturbance, own.inputs, own.states)
+    own.mpc.call[0].status = POLICY
+    assign_rows(own.inputs, own.mpc.horizon.planned)
+    return True
+
+
+@inner
+def fall_back(own: SupervisorMemory, instance: Instance) -> None:
+    """The answer of the exact MPC's last call, or the last inputs where there is no plan any more."""
+    mpc, call, course = own.mpc, own.mpc.call[0], own.course[0]
+    if call.status != FAILED:
+        course.unplanned = 0.0
+    elif call.cold != 0 or course.unplanned > (mpc.horizon.inputs.shape[0] - TIME_ROUNDING) * mpc.interval:
+        call.status = HELD
+        hold(mpc.horizon, instance)
+    if course.waiting > 0 and course.reason == WAITING:
+        course.waiting = course.waiting - 1 if _near(own, mpc.horizon.planned[0], own.inputs[0]) else own.patience
+
+
+@inner
+def prepare_supervised(own: SupervisorMemory, instance: Instance, elapsed: float, solve: Solve, needs: Any) -> None:
     """Prepare for the next call, ``elapsed`` [s] after this one: where the network drives with steps, the exact MPC
     solves what the network has answered.
     """
@@ -139,7 +155,7 @@ def prepare_supervision(own: SupervisorMemory, instance: Instance, elapsed: floa
     course.unplanned += elapsed
     if course.unsolved != 0:
         course.unsolved = 0
-        solve(own.mpc, instance, solved)
+        solve(own.mpc, instance, needs)
     prepare_mpc(own.mpc, elapsed)
 
 
@@ -247,8 +263,8 @@ def _stepped(own: SupervisorMemory, instance: Instance) -> int:
     call = mpc.call[0]
     if call.prepared == 0:
         linearise_plan(mpc)
-    ready, call.prepared = call.prepared != 0, 0
-    if ready:
+    if call.prepared != 0:
+        call.prepared = 0
         found = answer(mpc.prediction, horizon, mpc.program, instance, 1, mpc.tolerance, False, True, True)
         near = found.iterations > 0 and _near(own, horizon.planned[0], own.inputs[0])
         for i in range(horizon.planned.shape[0]):
@@ -269,3 +285,33 @@ def _near(own: SupervisorMemory, one: Array, other: Array) -> bool:
     for j in range(one.shape[0]):
         near = near and abs(one[j] - other[j]) <= own.step[j]
     return near
+
+
+# ---------------------------------------------------------------------- for Python
+
+ANSWER, SOLVE, GO_ON, NOTHING = range(4)
+"""What a call is for: an answer to an instance, the exact MPC's own one, more steps of that, and compiling alone."""
+
+
+@kernel
+def forget_supervised(own: SupervisorMemory) -> None:
+    """:func:`begin_supervision` for Python."""
+    begin_supervision(own)
+
+
+@kernel
+def call_supervised(own: SupervisorMemory, instance: Instance, purpose: int, iterations: int) -> int:
+    """:func:`accept` for Python, and where it does not, a call of the exact MPC; the status.
+
+    One function for all purposes, since the solver takes longest to compile.
+    """
+    if purpose != NOTHING and (purpose != ANSWER or not accept(own, instance)):
+        solve_within(own.mpc, instance, iterations, purpose != GO_ON)
+    return own.mpc.call[0].status  # type: ignore[no-any-return]
+
+
+@kernel
+def end_supervised(own: SupervisorMemory, instance: Instance) -> int:
+    """:func:`fall_back` for Python; the status."""
+    fall_back(own, instance)
+    return own.mpc.call[0].status  # type: ignore[no-any-return]

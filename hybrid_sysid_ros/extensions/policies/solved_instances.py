@@ -74,7 +74,7 @@ def solve_once(mpc: MpcMemory, instance: Instance, solved: SolvedInstances) -> N
         assign(program.states, solved.constraints[row])
         call.status = solved.status[row]
         return
-    solve_instance(mpc, instance, None)
+    solve_instance(mpc, instance, mpc.iterations)
     if call.status == FAILED or row == solved.hashes.shape[0]:
         return
     solved.count[0] += 1

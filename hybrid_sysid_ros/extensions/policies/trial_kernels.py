@@ -28,7 +28,7 @@ from hybrid_sysid_ros.control.safety.supervision import (
     SupervisorMemory,
     answer_supervised,
     begin_supervision,
-    prepare_supervision,
+    prepare_supervised,
 )
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -109,7 +109,7 @@ def drive(loop: TrialLoop, driver: int, interval: float) -> None:
             answer_supervised(own, mine, solve_once, solved)
             status = own.mpc.call[0].status
             assign_rows(own.mpc.horizon.planned, loop.inputs)
-            prepare_supervision(own, mine, interval, solve_once, solved)
+            prepare_supervised(own, mine, interval, solve_once, solved)
             loop.reasons[k] = own.course[0].reason
         loop.answered[k], loop.solutions[k] = first != FAILED, first == SOLVED
         doubted = driver != EXACT and status != HELD and not (first != FAILED and _agreed(loop))

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
+from hybrid_sysid_ros.control.mpc.mpc import STATUSES
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.extensions.export.board.link import BoardEstimate, BoardLink, BoardSilent
-from hybrid_sysid_ros.extensions.export.unit.python_loop import STATUSES
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import controller_model, mpc_problem
@@ -20,7 +20,6 @@ from hybrid_sysid_ros.runtime.controllers import ConfiguredController
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-STATUS_OF = {number: status for status, number in STATUSES.items()}
 ESTIMATES = "hybrid_sysid_ros.extensions.export.nodes.board_estimates:BoardEstimates"
 ASK_AGAIN = 0.5
 """Time between two tries to reach a silent board [s]."""
@@ -73,7 +72,7 @@ class BoardController:
         inputs = np.clip(answer.inputs, self.problem.input_low, self.problem.input_high)
         if not np.isfinite(inputs).all():
             return held(previous_input, self.problem, Status.FAILED)
-        return MpcSolution(inputs, inputs[None], np.zeros((0, len(state))), STATUS_OF.get(answer.status, Status.HELD))
+        return MpcSolution(inputs, inputs[None], np.zeros((0, len(state))), STATUSES.get(answer.status, Status.HELD))
 
     def prepare(self, elapsed: float) -> None:
         """Let the board prepare the next command."""

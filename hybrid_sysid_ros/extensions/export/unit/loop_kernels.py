@@ -1,4 +1,4 @@
-"""A period of a loop as kernels: what estimator and controller do in Python around their compiled functions.
+"""A period of a loop as kernels: estimator, stabiliser, and the controller's own kernels.
 
 They are written in the subset that is translated to C, and numba never compiles them. An export compares them with
 Python's classes, call by call.
@@ -11,13 +11,11 @@ import math
 import numpy as np
 
 from hybrid_sysid_ros.control.cascade import ROUNDING
+from hybrid_sysid_ros.control.mpc import calls
+from hybrid_sysid_ros.control.mpc.calls import prepare_mpc, solve_instance
 from hybrid_sysid_ros.control.mpc.linearisation import assign
-from hybrid_sysid_ros.control.mpc.quadratic_program import clear_working_set, factorise
-from hybrid_sysid_ros.control.mpc.shooting import prepare_program, shift
-from hybrid_sysid_ros.estimation.belief import (
-    numbers_at,
-)
-from hybrid_sysid_ros.extensions.export.unit.controller_kernels import control, supervise
+from hybrid_sysid_ros.control.safety.supervision import answer_supervised, begin_supervision, prepare_supervised
+from hybrid_sysid_ros.estimation.belief import numbers_at
 from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate, show
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import WAITING, PrintedLoop
 
@@ -66,17 +64,20 @@ def decide(loop: PrintedLoop) -> None:
 
 def answer(loop: PrintedLoop) -> None:
     """The plan's first inputs, of the policy or of the exact MPC."""
-    if loop.supervision is None:
-        control(loop)
+    mpc = loop.mpc
+    if loop.supervisor is None:
+        solve_instance(mpc, loop.instance, mpc.iterations)
     else:
-        supervise(loop, loop.supervision)
+        answer_supervised(loop.supervisor, loop.instance, solve_instance, mpc.iterations)
+    loop.progress[0].status = mpc.call[0].status
+    assign(loop.plan, mpc.horizon.planned[0])
 
 
 def stabilise(loop: PrintedLoop) -> None:
     """The command of the stabiliser below the controller, which plans once in each of its own periods."""
     progress, instance, gains = loop.progress[0], loop.instance, loop.gains
     m, n = gains.shape
-    if progress.planned == 0 or progress.age > (1.0 - ROUNDING) * loop.settings.interval:
+    if progress.planned == 0 or progress.age > (1.0 - ROUNDING) * loop.mpc.interval:
         for j in range(m):
             if progress.planned == 0:
                 for a in range(n):
@@ -102,31 +103,15 @@ def look_forward(loop: PrintedLoop, elapsed: float) -> None:
     progress.age += elapsed
     if progress.fresh != 0:
         progress.fresh = 0
-        prepare(loop, loop.settings.interval)
+        prepare(loop, loop.mpc.interval)
 
 
 def prepare(loop: PrintedLoop, elapsed: float) -> None:
     """Shift the plan, and in real time linearise there."""
-    progress, settings = loop.progress[0], loop.settings
-    if loop.supervision is not None:
-        progress.unplanned += elapsed
-        if progress.unsolved != 0:
-            _solve_meanwhile(loop)
-    if progress.cold != 0:
-        return
-    shift(loop.prediction, loop.horizon, min(elapsed / settings.interval, 1.0))
-    if settings.real_time:
-        prepare_program(loop.prediction, loop.horizon, loop.program)
-        progress.prepared = 1 if factorise(loop.program) else 0
-
-
-def _solve_meanwhile(loop: PrintedLoop) -> None:
-    """Let the exact MPC solve the instance that the policy has answered; the answer stays."""
-    progress, answered, status = loop.progress[0], np.empty(loop.plan.shape[0]), loop.progress[0].status
-    assign(answered, loop.plan)
-    control(loop)
-    assign(loop.plan, answered)
-    progress.status, progress.unsolved = status, 0
+    if loop.supervisor is None:
+        prepare_mpc(loop.mpc, elapsed)
+    else:
+        prepare_supervised(loop.supervisor, loop.instance, elapsed, solve_instance, loop.mpc.iterations)
 
 
 def rebase(loop: PrintedLoop) -> float:
@@ -159,11 +144,8 @@ def forget_estimate(loop: PrintedLoop) -> None:
 def forget_plan(loop: PrintedLoop) -> None:
     """Forget the last plan; the last command holds."""
     progress = loop.progress[0]
-    clear_working_set(loop.program)
-    progress.cold, progress.prepared, progress.planned, progress.fresh = 1, 0, 0, 0
-    if loop.supervision is not None:
-        progress.unplanned, progress.unsolved = 0.0, 0
-        progress.waiting = loop.supervision.patience if loop.supervision.steps else 0
-        for i in range(loop.supervision.inputs.shape[0]):
-            for j in range(loop.plan.shape[0]):
-                loop.supervision.inputs[i, j] = math.nan
+    progress.planned, progress.fresh = 0, 0
+    if loop.supervisor is None:
+        calls.forget_plan(loop.mpc)
+    else:
+        begin_supervision(loop.supervisor)

@@ -6,23 +6,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
-from hybrid_sysid_ros.control.mpc.quadratic_program import Program
+from hybrid_sysid_ros.control.mpc.calls import MpcMemory
+from hybrid_sysid_ros.control.mpc.horizon import Instance
+from hybrid_sysid_ros.control.safety.supervision import SupervisorMemory
 from hybrid_sysid_ros.support.arrays import Array
 
 PROGRESS = np.dtype(
     [
-        *((name, "i8") for name in ("started", "cold", "prepared", "planned", "fresh")),
-        *((name, "i8") for name in ("status", "iterations", "resets", "waiting", "unsolved", "reason")),
-        *((name, "f8") for name in ("last", "newest", "residual", "age", "unplanned")),
+        *((name, "i8") for name in ("started", "planned", "fresh", "status", "resets")),
+        *((name, "f8") for name in ("last", "newest", "age")),
     ]
 )
-"""What a loop remembers beside its arrays: stamps [s] of the last measurement and of the newest one, the age of a plan
-below which a stabiliser acts, the time without a plan, and what a supervisor waits for and found.
+"""What a loop remembers beside its arrays: how its command was found, stamps [s] of the last measurement and of the
+newest one, and the age of a plan below which a stabiliser acts.
 """
 
-WAITING, SOLVED, ITERATED, NOT_CONVERGED, FAILED, POLICY, HELD = range(7)
-"""How a command was found; waiting: there is no estimate yet."""
+WAITING = 0
+"""The status while there is no estimate; the others are those of :mod:`~hybrid_sysid_ros.control.mpc.calls`."""
 
 
 class LoopNumbers(NamedTuple):
@@ -30,12 +30,7 @@ class LoopNumbers(NamedTuple):
 
     period: float
     """Of the measurements [s]."""
-    interval: float
-    """Of the controller's horizon [s]."""
     patience: int
-    real_time: bool
-    tolerance: float
-    iterations: int
 
 
 class InitialStates(NamedTuple):
@@ -53,30 +48,6 @@ class InitialStates(NamedTuple):
     """(followed, m): offset of each input per deviation of a followed parameter."""
 
 
-class Supervision(NamedTuple):
-    """A supervisor's policy and limits; see :class:`~hybrid_sysid_ros.control.safety.supervisor.Supervisor`."""
-
-    policy: Any
-    limits: Any
-    """As its check takes them."""
-    patience: int
-    noise: float
-    steps: bool
-    near: Array
-    """(m,): by how much inputs near each other may differ."""
-    flat: Array
-    inputs: Array
-    """(N, m), the policy's plan."""
-    states: Array
-    """(N + 1, n)."""
-    cost: Array
-    """(1,)."""
-    kept_inputs: Array
-    """(N, m) of the plan before a step."""
-    kept_states: Array
-    kept_disturbance: Array
-
-
 class PrintedLoop(NamedTuple):
     """The objects of a loop, as Python made them."""
 
@@ -91,9 +62,7 @@ class PrintedLoop(NamedTuple):
     """(m,), mean inputs since the one before."""
     out: Array
     P: Array
-    prediction: PredictionModel
-    horizon: Horizon
-    program: Program
+    mpc: MpcMemory
     instance: Instance
     plan: Array
     """(m,), the controller's own inputs."""
@@ -105,4 +74,4 @@ class PrintedLoop(NamedTuple):
     """(m,), lowest commands of a stabiliser."""
     high: Array
     """(m,)."""
-    supervision: Supervision | None
+    supervisor: SupervisorMemory | None

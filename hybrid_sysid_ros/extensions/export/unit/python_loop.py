@@ -10,12 +10,12 @@ import numpy as np
 
 from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.cascade import Cascade
-from hybrid_sysid_ros.control.controller import Status
+from hybrid_sysid_ros.control.mpc.mpc import STATUSES
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.estimation import METHODS, ExtendedKalmanFilter
-from hybrid_sysid_ros.extensions.export.unit import printed_loop as statuses
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
+from hybrid_sysid_ros.extensions.export.unit.printed_loop import WAITING
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_model, estimator_tuning
@@ -23,14 +23,8 @@ from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-STATUSES = {
-    Status.SOLVED: statuses.SOLVED,
-    Status.ITERATED: statuses.ITERATED,
-    Status.NOT_CONVERGED: statuses.NOT_CONVERGED,
-    Status.FAILED: statuses.FAILED,
-    Status.POLICY: statuses.POLICY,
-    Status.HELD: statuses.HELD,
-}
+CODES = {status: code for code, status in STATUSES.items()}
+"""In C, by their names in Python."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -50,7 +44,7 @@ class PythonLoop:
         self.estimator.reset()
         self.controller.reset()
         state, offset = np.zeros(len(self.mpc.system.states)), np.zeros(len(self.command))
-        self._answer = PeriodAnswer(statuses.WAITING, self.command, state, state, offset)
+        self._answer = PeriodAnswer(WAITING, self.command, state, state, offset)
 
     def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer:
         """A period: outputs (p,), applied inputs (m,), preview (N, p)."""
@@ -60,17 +54,17 @@ class PythonLoop:
             if self.estimator._started:
                 estimate = self.estimator._look()
             else:
-                self._answer = self._answer._replace(status=statuses.WAITING)
+                self._answer = self._answer._replace(status=WAITING)
                 return self._answer
         plan = self.controller.control(estimate.ahead, estimate.disturbance, self.command, preview)
         self.command = plan.input
-        status = STATUSES[plan.status]
+        status = CODES[plan.status]
         self._answer = PeriodAnswer(status, plan.input, estimate.state, estimate.ahead, estimate.disturbance)
         return self._answer
 
     def prepare(self, elapsed: float) -> None:
         """Prepare for the next period."""
-        if self._answer.status != statuses.WAITING:
+        if self._answer.status != WAITING:
             self.controller.prepare(elapsed)
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
+from hybrid_sysid_ros.control.mpc.calls import CALL
 from hybrid_sysid_ros.control.mpc.horizon import PROGRESS as SOLUTION
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, new_instance
+from hybrid_sysid_ros.control.mpc.horizon import Horizon
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.quadratic_program import SOFT, TOLERANCE
 from hybrid_sysid_ros.control.policy.kernels import FEATURES, PLACES, TRACKED
+from hybrid_sysid_ros.control.safety.supervision import SUPERVISION
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.wrappers import Stabilised
@@ -25,7 +27,6 @@ from hybrid_sysid_ros.extensions.export.unit.printed_loop import (
     InitialStates,
     LoopNumbers,
     PrintedLoop,
-    Supervision,
 )
 from hybrid_sysid_ros.extensions.export.unit.printing import Printer, layout_of
 from hybrid_sysid_ros.extensions.export.unit.translator import Translator
@@ -36,7 +37,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 UNIT_TEMPLATES = Path(__file__).parent / "c"
 RECORDS = [(CORE, "core"), (CHANNEL, "channel"), (MOMENT, "moment"), (READING, "reading")]
-RECORDS += [(SOLUTION, "solution"), (PROGRESS, "progress")]
+RECORDS += [(SOLUTION, "solution"), (PROGRESS, "progress"), (CALL, "call"), (SUPERVISION, "supervision")]
 OF_FLOATS = {"RISE": 1e-6, "DIFFERENCE": 3.5e-4, "VIOLATION": 1e-5, "INPUT_ROUNDING": 1e-6}
 """Constants of kernels that the rounding of doubles chose, for that of floats, 1e-7; the second is its root."""
 RESIDUAL = 1e-4
@@ -57,25 +58,19 @@ def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor
     if tuning.channels:
         raise UserError(f"export: channel {next(iter(tuning.channels))} of the estimator can't be printed as C yet")
     estimator.reset()
-    mpc.reset()
+    (supervisor or mpc).reset()
     progress = np.zeros(1, PROGRESS)
-    progress["cold"], progress["last"] = 1, np.nan
-    flat, instance = new_instance(system, mpc.problem)
+    progress["last"] = np.nan
     followed, m = len(tuning.followed), len(system.inputs)
     offsets = np.zeros((followed, m)) if estimator._offsets is None else np.array(estimator._offsets)
     named = system.named
     offset, by_outputs, by_inputs = affine_initial_states(system)
-    shooting = mpc.shooting
-    _clear(shooting.horizon)
+    _clear(mpc.shooting.horizon)
     return PrintedLoop(
         progress=progress,
         settings=LoopNumbers(
             period=float(estimator.period),
-            interval=float(mpc.period),
             patience=int(tuning.patience),
-            real_time=bool(mpc.real_time),
-            tolerance=float(mpc._tolerance),
-            iterations=int(mpc.problem.max_iterations),
         ),
         initial=InitialStates(
             offset=offset,
@@ -89,16 +84,14 @@ def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor
         applied=np.zeros(m),
         out=np.zeros(estimator._parts[-1]),
         P=np.zeros((estimator._size, estimator._size)),
-        prediction=shooting.prediction,
-        horizon=shooting.horizon,
-        program=shooting.program,
-        instance=instance,
+        mpc=mpc.compiled,
+        instance=(supervisor or mpc).instance,
         plan=np.zeros(m),
         command=np.array([actuator.rest for actuator in rig.actuators]),
         gains=np.array(mpc.system.gains) if isinstance(mpc.system, Stabilised) else np.zeros((0, len(system.states))),
         low=np.array(rig.limits[0], dtype=float),
         high=np.array(rig.limits[1], dtype=float),
-        supervision=None if supervisor is None else _supervision(supervisor, flat),
+        supervisor=None if supervisor is None else supervisor.compiled,
     )
 
 
@@ -112,31 +105,12 @@ def _clear(horizon: Horizon) -> None:
                 value[...] = 0.0
 
 
-def _supervision(supervisor: Supervisor, flat: Array) -> Supervision:
-    policy, (m, n) = supervisor.policy, (supervisor.policy.inputs, supervisor.policy.states)
-    return Supervision(
-        policy=tuple(policy.packed),
-        limits=supervisor._limits,
-        patience=int(supervisor._patience),
-        noise=float(supervisor._noise),
-        steps=bool(supervisor._steps),
-        near=np.broadcast_to(supervisor._step, (m,)).copy(),
-        flat=flat,
-        inputs=np.full((policy.horizon, m), np.nan),
-        states=np.zeros((policy.horizon + 1, n)),
-        cost=np.full(1, np.inf),
-        kept_inputs=np.zeros((policy.horizon, m)),
-        kept_states=np.zeros((policy.horizon + 1, n)),
-        kept_disturbance=np.zeros(m),
-    )
-
-
 def _widest(loop: PrintedLoop) -> dict[str, float]:
     """Sizes of scratch memory that are smaller than for any policy."""
-    if loop.supervision is None:
+    if loop.supervisor is None:
         return {}
-    sizes, first = loop.supervision.policy[0], PLACES + int(loop.supervision.policy[0][TRACKED])
-    widths = [int(sizes[FEATURES]), len(loop.supervision.flat)]
+    sizes = loop.supervisor.sizes
+    first, widths = PLACES + int(sizes[TRACKED]), [int(sizes[FEATURES]), len(loop.supervisor.flat)]
     while first < len(sizes):
         depth = int(sizes[first])
         widths += [(int(width) + 7) // 8 * 8 for width in sizes[first + 1 : first + 2 + depth]]
@@ -170,8 +144,9 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
     mutable: dict[str, set[str]] = {}
     constants = _widest(loop) | (OF_FLOATS if single else {})
     if single:
-        settings = loop.settings
-        loop = loop._replace(settings=settings._replace(tolerance=max(settings.tolerance, RESIDUAL)))
+        mpc = replace(loop.mpc, tolerance=max(loop.mpc.tolerance, RESIDUAL))
+        supervisor = None if loop.supervisor is None else replace(loop.supervisor, mpc=mpc)
+        loop = loop._replace(mpc=mpc, supervisor=supervisor)
     while True:
         layout = layout_of(RECORDS, mutable)
         _name_arrays(layout, loop, arrays)
@@ -210,14 +185,12 @@ def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Arra
     layout.add("instance", loop.instance.state)
     layout.add("initial", loop.initial)
     layout.add("belief", arrays)
-    if loop.supervision is not None:
-        layout.add("policy_sizes", loop.supervision.policy[0])
-        layout.add("policy_numbers", loop.supervision.policy[1])
-        layout.add("check_disturbance", loop.supervision.limits[0])
-        layout.add("policy", loop.supervision)
-    layout.add("model", loop.prediction)
-    layout.add("horizon", loop.horizon)
-    layout.add("program", loop.program)
+    layout.add("model", loop.mpc.prediction)
+    layout.add("horizon", loop.mpc.horizon)
+    layout.add("program", loop.mpc.program)
+    layout.add("call", loop.mpc.call)
+    if loop.supervisor is not None:
+        layout.add("policy", loop.supervisor)
 
 
 def texts(
@@ -230,7 +203,7 @@ def texts(
     soft: tuple[Array, Array] | None,
 ) -> dict[str, str]:
     """The texts of NAME.h and NAME.c. seal: of the model. soft: weights of soft constraints, square and linear."""
-    translator, rig, program, instance = printer.translator, printer.rig, loop.program, loop.instance
+    translator, rig, program, instance = printer.translator, printer.rig, loop.mpc.program, loop.instance
     horizon, p = instance.preview.shape
     n, m = len(instance.state), len(instance.previous)
     functions = printer.functions()
@@ -290,7 +263,7 @@ def _rebased(printer: Printer) -> str:
 
 def most_active(loop: PrintedLoop) -> int:
     """How many constraints can be active in the solver: one for each variable and each soft constraint."""
-    return len(loop.program.gradient) + int(np.sum(loop.program.states & SOFT != 0)) + 1
+    return len(loop.mpc.program.gradient) + int(np.sum(loop.mpc.program.states & SOFT != 0)) + 1
 
 
 def _arena(variables: int, rows: int, soft: int) -> int:
