@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import scenarios
-from hybrid_sysid_ros.control.controller import Controller
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
+from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.policies.network_loop import run_network
 from hybrid_sysid_ros.extensions.policies.reference_kinds import references
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -94,7 +95,7 @@ def sample(
     spread: Spread,
     seed: int,
     *,
-    driver: Controller | None = None,
+    driver: Policy | None = None,
     followed: Mapping[str, float] | None = None,
 ) -> TrainingSamples:
     """One closed loop in which the exact MPC is asked at each period.
@@ -111,7 +112,7 @@ def sample(
         ((loop, answers),) = scenarios.run_many(mpc, [scenario], attempts=2, threads=1)
     else:
         sound = scenario._replace(input_errors=np.zeros_like(scenario.input_errors))
-        loop = scenarios.run(sound, problem, lambda _, asked: driver.control(*asked).input)
+        loop = run_network(sound, problem, driver)
         first, last = len(system.states) + len(system.inputs), len(system.states) + 2 * len(system.inputs)
         before = loop.asked[:, first:last] + scenario.input_errors
         loop.asked[:, first:last] = np.clip(before, problem.input_low, problem.input_high)
@@ -138,7 +139,7 @@ def sampled(
     spread: Spread,
     seed: int,
     *,
-    driver: Controller | None,
+    driver: Policy | None,
     followed: Mapping[str, float],
 ) -> dict[str, NDArray[Any]]:
     """:func:`sample` for a process of its own: what it gives as arrays. Such a process needs no torch."""

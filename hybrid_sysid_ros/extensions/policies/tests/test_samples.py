@@ -8,11 +8,12 @@ import pytest
 from hybrid_sysid_ros.control import ExactMpc, scenarios
 from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
 from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.extensions.policies.network_loop import run_network
 from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample, scenario_of, shifted
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
-from tests.linear_policies import CARTS, CASES
+from tests.linear_policies import CARTS, CASES, exact_policy
 from tests.small_policies import PROBLEM, SPREAD, model_of
 
 CARTS_SPREAD = Spread(
@@ -50,6 +51,20 @@ def test_what_a_solver_does_not_solve_gives_no_samples(rig):
     samples = sample(rig.system, hopeless, SPREAD, 7)
     assert len(samples.plans) + samples.dropped == LENGTH * PROBLEM.horizon
     assert samples.dropped > 0.6 * LENGTH * PROBLEM.horizon
+
+
+def test_a_loop_that_a_network_drives_in_compiled_code_is_that_of_its_own_calls():
+    """To the last digit, and where it has no answer, too."""
+    case, spread = CARTS, CARTS_SPREAD.sized(CARTS.system)
+    scenario = scenario_of(case.system, case.problem, spread, np.random.default_rng(3))
+    silent = scenario._replace(state_errors=scenario.state_errors.copy())
+    silent.state_errors[7] = np.nan
+    policy = exact_policy(case)
+    for each in (scenario, silent):
+        found = run_network(each, case.problem, policy)
+        by_hand = scenarios.run(each, case.problem, lambda _, asked: policy.control(*asked).input)
+        for one, other in zip(found, by_hand, strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 def test_plants_are_drawn_about_the_model_within_bounds():
