@@ -11,6 +11,7 @@ EXTENSION = Extension(
     commands={
         "export fmu": (f"{HERE}.commands.fmu_export", "Write a model, a plant or a controller as an FMU."),
         "export board": (f"{HERE}.commands.board_export", "Write a loop for a microcontroller."),
+        "export page": (f"{HERE}.commands.page_export", "Write a page on which the rig and its controller run."),
         "export ros2_control": (f"{HERE}.commands.ros2_control_export", "Write a colcon package with a controller."),
         "export loop": (f"{HERE}.commands.loop_export", "Write a loop as C99."),
         "model export": (f"{HERE}.commands.model_export", "Write a model as CasADi functions."),
@@ -23,6 +24,7 @@ EXTENSION = Extension(
         "demos": {"board": f"{HERE}.commands.board_demo:instead"},
         "exporters": {
             "fmu": f"{HERE}.fmu.export:export_given",
+            "page": f"{HERE}.page.export:export_given",
             "ros2_control": f"{HERE}.ros2_control.export:export_given",
             "loop": f"{HERE}.unit.folder:export_given",
             "model": f"{HERE}.casadi_functions:export_casadi",

@@ -112,6 +112,14 @@ def of_simulation(simulation: Simulation, *, title: str) -> FmuContent:
                     high=parameter.high, checked=True, description=parameter.description,
                 )
             )  # fmt: skip
+    for j, item in enumerate(system.inputs):
+        variables.append(
+            FmuVariable(
+                name=structured("bias", item.name), causality="parameter", variability="tunable",
+                place=f"unit.bias[{j}]", unit=item.unit, start=simulation.bias[j], checked=True,
+                description="What acts beside the input, such as a push",
+            )
+        )  # fmt: skip
     files = simulation.texts(about=title)
     return FmuContent(
         identifier=name, unit=name, title=title, period=simulation.rig.step, variables=variables,

@@ -43,15 +43,23 @@ class Simulation:
         return cls(name=name, rig=rig, bias=rig.bias)
 
     @classmethod
-    def of_model(cls, name: str, rig: Rig, model: Model) -> Simulation:
-        """A model at its own step. Its inputs keep the rig's bounds, and its outputs are those of their moment."""
+    def of_model(cls, name: str, rig: Rig, model: Model, *, stops: bool = False) -> Simulation:
+        """A model at its own step. Its inputs keep the rig's bounds, and its outputs are those of their moment.
+
+        stops: its states keep the rig's travel.
+        """
+        names, travel = [item.name for item in rig.system.states], np.full((2, len(model.system.states)), np.inf)
+        travel[0] = -np.inf
+        for index, item in enumerate(model.system.states):
+            if stops and item.name in names:
+                travel[:, index] = rig.travel[:, names.index(item.name)]
         plain = replace(
             rig,
             system=model.system,
             step=model.sampling.step,
             actuators=tuple(Actuator(low=item.low, high=item.high) for item in rig.actuators),
             sensors=tuple(replace(sensor, delay=0.0, window=0.0) for sensor in rig.sensors),
-            travel=np.tile([[-math.inf], [math.inf]], len(model.system.states)),
+            travel=travel,
         )
         return cls(name=name, rig=plain, bias=(0.0,) * len(plain.actuators))
 
@@ -119,7 +127,7 @@ class Simulation:
                     _table("double", "most", (item.rate * rig.step for item in rig.actuators)),
                     _table("double", "count", (item.count if item else 0.0 for item in counts)),
                     _table("double", "range", (item.range if item else math.inf for item in counts)),
-                    _table("double", "bias", self.bias),
+                    _table("double", "bias_at_first", self.bias),
                     _table("double", "travel_low", rig.travel[0]),
                     _table("double", "travel_high", rig.travel[1]),
                     _table("int", "velocity", velocities),

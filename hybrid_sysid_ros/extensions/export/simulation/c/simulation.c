@@ -51,7 +51,8 @@ static void act(@{name}_memory *unit)
 
     for (j = 0; j < @{NAME}_INPUTS; j++) {
         unit->acting[j] =
-            late(unit->past_inputs + input_first[j], input_first[j + 1] - input_first[j], input_part[j]) + bias[j];
+            late(unit->past_inputs + input_first[j], input_first[j + 1] - input_first[j], input_part[j]) +
+            unit->bias[j];
     }
 }
 
@@ -72,6 +73,7 @@ void @{name}_init(@{name}_memory *unit)
     memset(unit, 0, sizeof *unit);
     memcpy(unit->parameters, at_first, sizeof unit->parameters);
     memcpy(unit->inputs, rest, sizeof unit->inputs);
+    memcpy(unit->bias, bias_at_first, sizeof unit->bias);
     @{name}_stand(unit);
 }
 

@@ -14,11 +14,12 @@
 extern "C" {
 #endif
 
-/* All memory; state, parameters and inputs may be written, between steps. */
+/* All memory; state, parameters, inputs and bias may be written, between steps. */
 typedef struct {
     double state[@{NAME}_STATES];
     double parameters[@{NAME}_PARAMETERS];
     double inputs[@{NAME}_INPUTS]; /* commanded; they act within their bounds, and at rest where one is not a number */
+    double bias[@{NAME}_INPUTS]; /* what acts beside the inputs, such as a push */
     double outputs[@{NAME}_OUTPUTS];
     double acting[@{NAME}_INPUTS];
     double past_inputs[@past_inputs];

@@ -1,0 +1,1 @@
+"""A page with the rig and its controller in it, as WebAssembly."""
