@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.linalg import LinAlgError, solve_discrete_are
-from scipy.special import ndtri
 
 from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
@@ -120,7 +120,7 @@ def tightened(
             spread[:n, :n] += answered @ estimated @ answered.T
             variances = [np.diag(spread)[:n], np.einsum("ij,jk,ik->i", seen, spread[:n, :n], seen)]
             widest[i] = np.maximum(widest[i], np.sqrt(np.maximum(np.concatenate(variances), 0.0)))
-    factor = float(ndtri(1.0 - (1.0 - asked.share) / max(asked.periods, problem.horizon)))
+    factor = NormalDist().inv_cdf(1.0 - (1.0 - asked.share) / max(asked.periods, problem.horizon))
     margins = [tuple(column) for column in (factor * widest.T).tolist()]
     terms = tuple(
         term if term.hard else replace(term, margin=margin)

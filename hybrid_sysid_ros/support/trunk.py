@@ -14,8 +14,8 @@ NEIGHBOURS = {
     "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
     "driver": ("rig driver",), "ensemble": ("ensemble",), "experiment_design": ("design",),
     "export": (
-        "model export", "policy export", "export fmu", "export loop", "export board", "export ros2_control", "--baud",
-        "--board", "--body",
+        "model export", "policy export", "export fmu", "export loop", "export board", "export page",
+        "export ros2_control", "--baud", "--board", "--body",
     ),
     "frequency_response": ("frequency-response",), "friction_atlas": ("friction", "--beside"),
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"), "input_bias": ("--adapt",),

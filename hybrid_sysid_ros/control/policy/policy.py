@@ -267,7 +267,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
     numbers = partial(storage.numbers, arrays)
     try:
         policy = Policy(
-            problem=_problem(content["problem"]),
+            problem=ControlProblem(**content["problem"]),
             model=content["model"],
             rig=rigs.name_in(content),
             output_map=numbers("output_map", None, None),
@@ -311,11 +311,6 @@ def _answers(layers: NetworkLayers, features: int) -> int:
 def named_layers(prefix: str, layers: NetworkLayers) -> dict[str, Array]:
     """Weights and biases by the names W0, b0, W1, ... with a prefix."""
     return {f"{prefix}{kind}{i}": part for i, pair in enumerate(layers) for kind, part in zip("Wb", pair, strict=True)}
-
-
-def _problem(content: Mapping[str, Any]) -> ControlProblem:
-    """A problem that is sized; policies from before inputs had a rest name none."""
-    return ControlProblem(**{"input_rest": (0.0,) * len(content["input_low"]), **content})
 
 
 def _layers(prefix: str, count: int, arrays: Mapping[str, Array]) -> tuple[tuple[Array, Array], ...]:

@@ -110,7 +110,7 @@ class Supervisor:
                 "checked or certified; train it to give the whole sequence, or use it alone and uncertified "
                 "(policy:=network)"
             )
-        if policy.problem != mpc.problem:
+        if policy.problem.sized(mpc.system) != mpc.problem:
             raise UserError("policy: it imitates another problem than that of the exact MPC; train it again")
         self.policy = policy
         self.mpc = mpc
