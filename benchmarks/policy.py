@@ -40,7 +40,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.extensions.policies.configured import train_configured_policy
-from hybrid_sysid_ros.extensions.policies.reference_kinds import references
+from hybrid_sysid_ros.extensions.shared.reference_kinds import references
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig

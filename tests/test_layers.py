@@ -37,7 +37,7 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "torch": re.compile(r"extensions/(policies/(network|training)|recurrent/training)\.py"),
     "casadi": re.compile(r"(core/\w+|extensions/(ipopt/interior_point|export/simulation/simulation))\.py"),
     "sysidentpy": re.compile(r"extensions/narx/term_selection\.py"),
-    "optuna": re.compile(r"extensions/(search/(study|database)|tuning/front)\.py"),
+    "optuna": re.compile(r"extensions/(search/study|shared/(database|trials)|tuning/front)\.py"),
     "joblib": re.compile(r"extensions/shared/parallel\.py"),
     "dask": re.compile(r"extensions/shared/cluster\.py"),
     "distributed": re.compile(r"extensions/shared/cluster\.py"),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
 from typing import Annotated, ClassVar
 
 import typer
 
-from hybrid_sysid_ros.extensions.native.build import check_tools, native_loop
 from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, NODES, UNWATCHED_LOOP, UNWATCHED_SENSORS
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop, SharedProcess
@@ -26,19 +27,27 @@ class Native(Companion):
     tell: Report = print
 
     def check(self, loop: RequestedLoop) -> None:
-        check_tools()
+        _build().check_tools()
 
     def processes(self, session: Session, values: NodeValues) -> Mapping[str, SharedProcess]:
         if not {*NODES} <= values.keys():
             raise UserError("--native and --composed both run estimator and controller: leave one of them out")
         rig, given = load(session.rig), {node: values.pop(node) for node in NODES}
         every = {node: settings(rig, node, own)[0] or {} for node, own in given.items()}
-        binary = native_loop(rig, every, tell=self.tell)
+        binary = _build().native_loop(rig, every, tell=self.tell)
         started = {node: {name: own[name] for name in own if name in AT_START} for node, own in given.items()}
         return {self.name: SharedProcess(NODES, [str(binary), *session.arguments(started)])}
 
     def ready(self, said: Callable[[str], set[str]]) -> str:
         return f"the native loop does not watch: {UNWATCHED_SENSORS}; {UNWATCHED_LOOP}"
+
+
+def _build() -> ModuleType:
+    """What builds the loop. Raises UserError without the extension that prints a loop as C."""
+    try:
+        return import_module("hybrid_sysid_ros.extensions.native.build")
+    except ModuleNotFoundError as error:
+        raise UserError(f"--native: needs the extension export, which prints a loop as C ({error})") from error
 
 
 def companion(

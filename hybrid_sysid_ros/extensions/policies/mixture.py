@@ -11,7 +11,7 @@ from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.extensions.policies.reference_kinds import KINDS, references
+from hybrid_sysid_ros.extensions.shared.reference_kinds import KINDS, references
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.structured import numbers

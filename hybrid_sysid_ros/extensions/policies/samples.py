@@ -16,7 +16,7 @@ from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.policies.network_loop import run_network
-from hybrid_sysid_ros.extensions.policies.reference_kinds import references
+from hybrid_sysid_ros.extensions.shared.reference_kinds import references
 from hybrid_sysid_ros.support.arrays import Array
 
 UNMOVED = 0.3

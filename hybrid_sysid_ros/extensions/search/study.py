@@ -10,10 +10,9 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from hybrid_sysid_ros.extensions.search.database import database
 from hybrid_sysid_ros.extensions.search.search import TrialResult
+from hybrid_sysid_ros.extensions.shared.database import database
+from hybrid_sysid_ros.extensions.shared.trials import distribution_of, experimental, sampler_at, study_differences
 from hybrid_sysid_ros.models import Option, Options
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -107,7 +106,7 @@ class Study:
             return {}
         import optuna
 
-        with _experimental():
+        with experimental():
             warnings.simplefilter("ignore", UserWarning)  # all trials are equally good: then so are the options
             evaluator = optuna.importance.PedAnovaImportanceEvaluator()
             return dict(optuna.importance.get_param_importances(self._study, evaluator=evaluator))
@@ -136,55 +135,13 @@ def opened_study(
         kept = study.user_attrs.get("problem", problem)
         if kept != problem:
             raise UserError(
-                f"{place}: study {name} was begun with {differences(kept, problem)}; choose another --name for another "
-                "study, or repeat its command"
+                f"{place}: study {name} was begun with {study_differences(kept, problem)}; choose another --name for "
+                "another study, or repeat its command"
             )
         study.set_user_attr("problem", problem)
         yield Study(study, space, seed)
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """What differs between two problems, in words."""
-    found = []
-    for key in sorted({*old, *new}):
-        before, now = old.get(key), new.get(key)
-        if isinstance(before, dict) and isinstance(now, dict):
-            others = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
-            if others:
-                found.append(f"other {key} ({', '.join(others)})")
-        elif before != now:
-            found.append(f"{key} {before}, not {now}")
-    return ", ".join(found)
-
-
 def _abandoned(trial: optuna.trial.FrozenTrial) -> bool:
     """Whether a trial failed only because its process ended: it has been asked for again, as another trial."""
     return trial.state.name == "FAIL" and "outcome" not in trial.user_attrs
-
-
-def distribution_of(option: Option) -> optuna.distributions.BaseDistribution:
-    """How an option is drawn."""
-    from optuna.distributions import FloatDistribution, IntDistribution
-
-    if option.kind == "int":
-        return IntDistribution(int(option.low), int(option.high))
-    return FloatDistribution(option.low, option.high, log=option.kind == "log")
-
-
-def sampler_at(seed: int, drawn: int) -> optuna.samplers.BaseSampler:
-    """The sampler of the trial after ``drawn`` others."""
-    import optuna
-
-    state = int(np.random.SeedSequence((seed, drawn)).generate_state(1)[0])
-    with _experimental():
-        return optuna.samplers.TPESampler(seed=state, multivariate=True, constant_liar=True)
-
-
-@contextmanager
-def _experimental() -> Iterator[None]:
-    """Around what older versions of Optuna call experimental."""
-    import optuna
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        yield

@@ -8,9 +8,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from hybrid_sysid_ros.extensions.search import study as studies
-from hybrid_sysid_ros.extensions.search.database import database
-from hybrid_sysid_ros.extensions.search.study import distribution_of, sampler_at
+from hybrid_sysid_ros.extensions.shared.database import database
+from hybrid_sysid_ros.extensions.shared.trials import distribution_of, sampler_at, study_differences
 from hybrid_sysid_ros.extensions.tuning.loops import Measures
 from hybrid_sysid_ros.models import Option, Options
 from hybrid_sysid_ros.support.errors import UserError
@@ -82,7 +81,7 @@ def opened_trials(
         kept = study.user_attrs.get("problem", problem)
         if kept != problem:
             raise UserError(
-                f"{place}: study {name} was begun with {studies.differences(kept, problem)}; choose another --study "
+                f"{place}: study {name} was begun with {study_differences(kept, problem)}; choose another --study "
                 "or repeat its command"
             )
         study.set_user_attr("problem", problem)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
-from hybrid_sysid_ros.extensions.policies.reference_kinds import KINDS, references
+from hybrid_sysid_ros.extensions.shared.reference_kinds import KINDS, references
 from hybrid_sysid_ros.models import Model, Option, Options
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
