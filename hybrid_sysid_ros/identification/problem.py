@@ -83,7 +83,8 @@ class FitProblem:
         self._first, self.moved_states = [state for state, _ in first_states], first_states[0][1]
         self.lead = 0
         """Samples of each record that only show the inputs: those before it, which a delay lets act on its first
-        samples, are in no record, and what they did would bend the parameters.
+        samples, are in no record, and what they did would bend the parameters. None where states are hidden, whose
+        rule of starts is about the first sample.
         """
         if self.sampling.initial == "estimated" and not self.hidden:
             most = min(item.samples for item in experiments) // 2
