@@ -30,7 +30,7 @@ from hybrid_sysid_ros.support.text_table import text_table
 
 DEFAULT = Settings()
 MOST = 10**9
-OF_MODELS = {"loop": True, "fmu": True, "page": True, "ros2_control": True}
+OF_MODELS = {"loop": True, "fmu": True, "page": True, "ros2_control": True, "urdf": False, "mjcf": False}
 """Formats of a whole model beside CasADi's, and whether a policy may go with it."""
 FORMATS = ("onnx", "c", "both", *OF_MODELS)
 SECONDS = 0.02, 8.0
@@ -208,9 +208,10 @@ def export(
     format: for a policy, "onnx" (extra ``export``), "c" or "both"; "loop" for a model's loop as C99, its estimator and
     exact MPC, with ``policy`` before it if one is given; "ros2_control" for a colcon package with it; "page" for an
     HTML file with it and the model (extra ``page``); "fmu" for an FMI 3.0 file (extra ``fmu``) of a model, or with
-    ``policy`` of its supervised controller. step: for a model, that of its step function [s], 0 for its own. smoothing:
-    for a model, the velocity over which stick-slip is rounded, 0 for none. overwrite: replace what is there. Results
-    are checked against the original. Raises UserError for a place that can't be written.
+    ``policy`` of its supervised controller; "urdf" and "mjcf" for a model's joints. step: for a model, that of its step
+    function [s], 0 for its own. smoothing: for a model, the velocity over which stick-slip is rounded, 0 for none.
+    overwrite: replace what is there. Results are checked against the original. Raises UserError for a place that can't
+    be written.
     """
     folder, form, replaced = (
         path_of(out, "out"),

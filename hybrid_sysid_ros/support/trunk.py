@@ -15,7 +15,7 @@ NEIGHBOURS = {
     "driver": ("rig driver",), "ensemble": ("ensemble",), "experiment_design": ("design",),
     "export": (
         "model export", "policy export", "export fmu", "export loop", "export board", "export page",
-        "export ros2_control", "--baud", "--board", "--body",
+        "export ros2_control", "export mjcf", "export urdf", "--baud", "--board", "--body",
     ),
     "frequency_response": ("frequency-response",), "friction_atlas": ("friction", "--beside"),
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"), "input_bias": ("--adapt",),

@@ -1,0 +1,1 @@
+"""Joints of a model in files of other programs: URDF and MJCF."""
