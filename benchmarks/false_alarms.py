@@ -50,7 +50,7 @@ class Alarms:
         guard = loop.guard
         self.states[loop.level] += loop.level is not self.level
         self.level = loop.level
-        self.suspicion = max(self.suspicion, guard.failsafe.suspicion / guard.settings.ladder.slowed)
+        self.suspicion = max(self.suspicion, guard.suspicion / guard.settings.ladder.slowed)
         self.evidence = max(self.evidence, *guard.evidence.values())
 
     @property

@@ -136,7 +136,7 @@ class ControllerNode(RigNode):
         before = self.operation.mode
         self.operation.turn_to(mode)
         if before is ControllerMode.HOLD and mode is ControllerMode.DRIVE and self.settled:
-            self.adapter.guard.governor.begin(self.home)
+            self.adapter.guard.lead_from(self.home)
         self.settled = self.settled and mode is ControllerMode.DRIVE
 
     def on_estop(self, message: Bool) -> None:
@@ -264,7 +264,7 @@ class ControllerNode(RigNode):
             if self.settled and self.returning:
                 self.returning = False
                 self.adapter.controller.reset()
-                self.adapter.guard.governor.begin(self.adapter.guard.within_reach(self.home))
+                self.adapter.guard.come_back(self.home)
         return self.settled
 
     def reference(self, stamp: int, level: LoopState, elapsed: float) -> Array:
@@ -276,11 +276,11 @@ class ControllerNode(RigNode):
             return np.tile(self.home, (len(self.adapter.grid), 1))
         if not self.preview.covers(stamp):  # the next one begins where this one has ended
             self.ended += 1
-            self.adapter.guard.governor.begin(last := self.preview.values[-1])
+            self.adapter.guard.lead_from(last := self.preview.values[-1])
             return np.tile(last, (len(self.adapter.grid), 1))
         ahead = stamp + self.adapter.ahead
         preview, guard = self.preview.at(ahead + self.adapter.grid), self.adapter.guard
-        if level is LoopState.DRIVING and guard.governor.free:
+        if level is LoopState.DRIVING and guard.is_free:
             return preview
         now = self.preview.at(np.array([ahead]))[0]
         return guard.reference(level, now, preview, self.adapter.times, elapsed)

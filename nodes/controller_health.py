@@ -30,7 +30,7 @@ def unready(node: ControllerNode) -> list[str]:
     elif not np.isfinite(node.adapter.given).all():
         found.append("the estimates are no numbers: look at the estimator's diagnostics")
     guard = node.adapter.guard
-    found += [f"{guard.reason}: wait until it has settled"] if guard.failsafe.state else []
+    found += [f"{guard.reason}: wait until it has settled"] if guard.level else []
     return [*found, *filter(None, [node.adapter.doubt]), *node.changed.values()]
 
 
@@ -48,7 +48,7 @@ def loop_tasks(node: ControllerNode) -> list[Task]:
         **{f"references {reason}": count for reason, count in node.dropped("reference").items()},
     }
     guard, state, operation = node.adapter.guard, node.loop_state, node.operation
-    by_guard = guard.failsafe.state and LoopState.DRIVING < state < LoopState.STOPPED
+    by_guard = guard.level and LoopState.DRIVING < state < LoopState.STOPPED
     reason = guard.reason if by_guard or state is LoopState.SLOWED else operation.words
     if state is LoopState.RESTING and not by_guard:
         reason = "there is no sound estimate, or no answer to it"
@@ -69,8 +69,8 @@ def loop_tasks(node: ControllerNode) -> list[Task]:
         **node.age.report("estimate_age"),
     }
     judged = node.silent(node.judged("loop", loop, answers, **values), "state_estimate")
-    if guard.failsafe.state or state is LoopState.SLOWED:
-        worst = ERROR if guard.failsafe.state > LoopState.SLOWED else WARN
+    if guard.level or state is LoopState.SLOWED:
+        worst = ERROR if guard.level > LoopState.SLOWED else WARN
         words = f"{state.word}: {guard.reason}" if guard.settings.act else f"{guard.reason} (distrust is tell)"
         rest = "" if judged.level == OK else f"; {judged.message}"
         judged = replace(judged, level=max(judged.level, worst), message=words + rest)

@@ -292,7 +292,7 @@ class EstimatorNode(RigNode):
         names = [name for name, r in zip(self.names, estimator.monitor.evidence, strict=True) if r >= 1.0]
         if names:
             return f"innovations of {', '.join(names)} are not as large as the model says"
-        return "the estimated input disturbance is at its limit" if estimator.diverged else ""
+        return "the estimated input disturbance is at its limit" if estimator.watch.diverged else ""
 
 
 def _labelled(names: Sequence[str]) -> Float64MultiArray:

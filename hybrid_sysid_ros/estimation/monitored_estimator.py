@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import and_
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,17 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation.estimator import Estimator, StateEstimate
+from hybrid_sysid_ros.estimation.frozen_sensor import ENOUGH, FrozenSensorDetector, frozen_detectors, is_frozen
 from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
-from hybrid_sysid_ros.estimation.sensor_monitor import ENOUGH, FrozenSensorDetector, SensorMonitor, spare_sensors
+from hybrid_sysid_ros.estimation.sensor_monitor import (
+    MonitoredSensor,
+    SensorMonitor,
+    is_any_left_out,
+    is_contradicted,
+    readmit,
+    renew,
+    spare_sensors,
+)
 from hybrid_sysid_ros.estimation.suspicion import LONGEST
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Array
@@ -51,6 +60,66 @@ class MonitorSettings:
     """Whether a disturbance at its limit is evidence."""
 
 
+@dataclass(slots=True)
+class EstimateWatch:
+    """Whether an estimate may be judged, and whether it has gone astray. period: of measurements [s]. patience: of the
+    tuning. last: time of the newest measurement [s]. doubted: for how long there has been evidence against it [s].
+    unjudged: updates until it is judged. diverged: whether the disturbance is at its limit. astray: begin it anew.
+    """
+
+    period: float
+    patience: int
+    last: float = math.nan
+    doubted: float = 0.0
+    unjudged: int = 0
+    diverged: bool = False
+    astray: bool = False
+
+
+def screen(
+    sensors: Sequence[MonitoredSensor], detectors: Sequence[FrozenSensorDetector], ring: list[float], outputs: Any,
+    shown: Any,
+) -> bool:  # fmt: skip
+    """Take the readings of sensors that are frozen or left out from outputs (p,), in place; shown (p,): with those that
+    are left out. Whether a number remains.
+    """
+    p, any_left = len(sensors), False
+    for k in range(p):
+        if is_frozen(detectors[k], ring, k, len(ring) // p, outputs[k]):
+            outputs[k] = math.nan
+        shown[k] = outputs[k]
+        if sensors[k].left_out:
+            outputs[k] = math.nan
+        any_left = any_left or math.isfinite(outputs[k])
+    return any_left
+
+
+def time_to_judge(watch: EstimateWatch, time: float) -> float:
+    """For how long [s] an update at a time [s] is evidence, 0 where it is none: behind a gap it is unknown which inputs
+    acted in between.
+    """
+    elapsed, watch.last = time - watch.last, time
+    if elapsed > GAP * watch.period:
+        watch.unjudged = watch.patience + 1
+    judged = elapsed > 0.0 and watch.unjudged == 0
+    watch.unjudged = max(watch.unjudged - 1, 0)
+    return min(elapsed, LONGEST) if judged else 0.0
+
+
+def watch_estimate(
+    watch: EstimateWatch, sensors: Sequence[MonitoredSensor], disturbance: Sequence[float], limits: Sequence[float],
+    elapsed: float,
+) -> None:  # fmt: skip
+    """Judge an estimate, ``elapsed`` [s] after the last judged one; limits (m,): of its disturbance (m,)."""
+    watch.diverged = False
+    for j in range(len(disturbance)):
+        if abs(disturbance[j]) >= limits[j]:
+            watch.diverged = True
+    watch.doubted = watch.doubted + elapsed if is_contradicted(sensors) or watch.diverged else 0.0
+    if watch.doubted > ASTRAY:
+        watch.doubted, watch.astray = 0.0, True
+
+
 class MonitoredEstimator:
     """An estimator with its monitor. It makes no other estimates than the one in it, but for what it leaves out.
 
@@ -60,7 +129,7 @@ class MonitoredEstimator:
 
     filter: the estimator. monitor: see :class:`~.sensor_monitor.SensorMonitor`. frozen: a detector for each output.
     shown: the readings of the newest measurement (p,), NaN where a sensor is frozen. outputs: those that were used.
-    diverged: whether the estimated disturbance is at its limit.
+    watch: see :class:`EstimateWatch`.
     """
 
     def __init__(
@@ -105,67 +174,55 @@ class MonitoredEstimator:
         self.monitor = self._monitor(self._spare, largest)
         self._agreement = self._monitor(np.zeros_like(self._spare), np.minimum(largest, SOUND).tolist())
         after = round(self.settings.frozen_after / self._period)
-        self.frozen = [FrozenSensorDetector(noise, after=after) for noise in self.settings.white_noise]
-        self._last, self._doubted, self._unjudged = math.nan, 0.0, 0
-        self.diverged = self._astray = False
+        self.frozen, self.ring = frozen_detectors(self.settings.white_noise, after)
+        self.watch = EstimateWatch(self._period, self.tuning.patience)
         self._agreed = math.nan
 
     def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """See :meth:`.estimator.Estimator.update`."""
-        self.outputs[:] = outputs
-        for k, detector in enumerate(self.frozen):
-            if detector.is_frozen(float(outputs[k])):
-                self.outputs[k] = math.nan
-        self.shown[:] = self.outputs
-        self.monitor.screen(self.outputs)
-        if self._astray and np.isfinite(self.outputs).any():
-            self._astray = False
+        watch, sensors, given = self.watch, self.monitor.sensors, outputs.tolist()
+        any_left = screen(sensors, self.frozen, self.ring, given, shown := given.copy())
+        self.outputs[:], self.shown[:] = given, shown
+        if watch.astray and any_left:
+            watch.astray = False
             self.filter.reset()
-            self.monitor.renew()
+            renew(sensors)
         estimate = self.filter.update(time, self.outputs, applied)
-        elapsed, self._last = time - self._last, time
-        if elapsed > GAP * self._period:  # it is unknown which inputs acted in between
-            self._unjudged = self.tuning.patience + 1
-        if elapsed > 0.0 and not self._unjudged:
-            self._judge(estimate, applied, min(elapsed, LONGEST))
-            if any(self.monitor.left_out):
-                self._try_again(time, applied, min(elapsed, LONGEST))
-        self._unjudged = max(self._unjudged - 1, 0)
+        if elapsed := time_to_judge(watch, time):
+            self._judge(estimate, applied, elapsed)
+            if is_any_left_out(sensors):
+                self._try_again(time, applied, elapsed)
         return estimate
 
     def _judge(self, estimate: StateEstimate, applied: Array, elapsed: float) -> None:
         """Judge the evidence against an estimate, which begins anew where that lasts too long."""
-        expected = self.expected(estimate, applied) if any(self.monitor.left_out) else None
-        used = [not out for out in self.monitor.left_out]
-        self.monitor.judge(self.shown, estimate.normalised, expected, elapsed)
-        if any(map(and_, used, self.monitor.left_out)):
+        sensors, out = self.monitor.sensors, sum(self.monitor.counts)
+        expected = self.expected(estimate, applied).tolist() if is_any_left_out(sensors) else None
+        self.monitor.judge(self.shown.tolist(), estimate.normalised.tolist(), expected, elapsed)
+        if sum(self.monitor.counts) > out:
             self.filter.loosen()
             self._agreed = math.nan
-        self.diverged = bool((np.abs(estimate.disturbance) >= self._limits).any())
-        astray = self.monitor.is_contradicted or self.diverged
-        self._doubted = self._doubted + elapsed if astray else 0.0
-        if self._doubted > ASTRAY:
-            self._doubted, self._astray = 0.0, True
+        watch_estimate(self.watch, sensors, estimate.disturbance.tolist(), self._limits.tolist(), elapsed)
 
     def _try_again(self, time: float, applied: Array, elapsed: float) -> None:
         """Use all sensors again once a second estimate, which begins anew where they contradict it, agrees with all."""
         whole, begins = self._whole, math.isnan(self._agreed)
-        if any(self.monitor.away):
+        if any(sensor.away for sensor in self.monitor.sensors):
             self._agreed = math.nan
             return
         if whole is None or (begins and not np.isfinite(self.shown).any()):
             return
         if begins:
             whole.reset()
-            self._agreement.renew()
+            renew(self._agreement.sensors)
             self._agreed = 0.0
         estimate = whole.update(time, self.shown, applied)
-        self._agreement.judge(self.shown, estimate.normalised, None, elapsed)
-        self._agreed = math.nan if self._agreement.is_contradicted else self._agreed + elapsed
+        self._agreement.judge(self.shown.tolist(), estimate.normalised.tolist(), None, elapsed)
+        self._agreed = math.nan if is_contradicted(self._agreement.sensors) else self._agreed + elapsed
         if self._agreed > max(AGREED, ENOUGH * self._period):
             whole.counters, self.filter.counters = self.filter.counters, whole.counters
             self.filter, self._whole = whole, self.filter
-            self.monitor.readmit()
+            readmit(self.monitor.sensors)
 
     def expected(self, estimate: StateEstimate, applied: Array) -> Array:
         """Expected readings of the sensors (p,) under inputs (m,)."""
@@ -174,4 +231,4 @@ class MonitoredEstimator:
     @property
     def doubt(self) -> float:
         """The strongest evidence against the estimate, as a multiple of its threshold."""
-        return max(self.monitor.doubt, DIVERGED if self.diverged else 0.0)
+        return max(self.monitor.doubt, DIVERGED if self.watch.diverged else 0.0)

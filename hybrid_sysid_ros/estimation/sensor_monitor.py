@@ -1,20 +1,21 @@
-"""Sensor monitor: which sensors contradict the model, which one is left out for that, and how much doubt remains."""
+"""Sensor monitor: which sensors contradict the model, which one is left out for that, and how much doubt remains.
+
+The kernels are Python, and are printed as C.
+"""
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation.observability import check_observable
-from hybrid_sysid_ros.estimation.suspicion import CLEAREST, Suspicion
+from hybrid_sysid_ros.estimation.suspicion import CLEAREST, suspicion
 from hybrid_sysid_ros.estimation.tuning import Tuning
-from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 AVERAGE, LONG_AVERAGE = 0.1, 0.4
@@ -31,10 +32,6 @@ model at once, it is more likely that the model or an actuator is wrong. One aft
 SUDDEN = 2.0
 """Multiple of the largest mean square that is still plausible, by which a first suspicious reading has jumped: what an
 actuator does shows in a sensor by and by. Found by trial on rehearsed faults."""
-STILL = 0.05
-"""Share of the variance that differences of white noise have, below which a sensor is frozen."""
-ENOUGH = 20
-"""Readings that this takes at least. Of white noise, one in 17 million runs of 20 is as still, but one in 260 of 5."""
 BLIND = 1e15
 """Factor on the deviation of a sensor's noise that makes it tell nothing."""
 
@@ -57,45 +54,215 @@ def spare_sensors(system: System, tuning: Tuning, *, step: float) -> NDArray[np.
     return np.array([is_spare(k) for k in range(len(noise))])
 
 
-class FrozenSensorDetector:
-    """Detects a sensor that stays at a number, or dithers about it by less than its noise does.
-
-    The mean square of the differences of ``after`` readings, or of ENOUGH, is 2 s^2 for white noise of deviation s,
-    whatever moves slowly beneath it; a frozen sensor is below STILL times that.
+@dataclass(slots=True)
+class MonitorRecord:
+    """What all sensors share. leave_after, timeout [s]: of suspicion, and without a reading after which a sensor counts
+    as missing.
     """
 
-    def __init__(self, noise: float, *, after: int) -> None:
-        """noise: its deviation, 0 where the sensor has none that would tell. after: readings, 0: never."""
-        after = max(after, ENOUGH) if after else 0
-        self.count = 0
-        """Readings that were found frozen."""
-        self._least = STILL * 2.0 * noise**2 * after
-        self._squares, self._last = deque[float](maxlen=after), math.nan
+    leave_after: float
+    timeout: float
 
-    def is_frozen(self, reading: float) -> bool:
-        """Whether this reading and those before it have been too still for too long."""
-        square, self._last = (reading - self._last) ** 2, reading
-        if not square < math.inf:
-            self._squares.clear()
+
+@dataclass(slots=True)
+class MonitoredSensor:
+    """A sensor, judged by its normalised innovations, whose mean square is 1 where model and noise are right.
+
+    Evidence against it is r = max(m / largest, LASTING M / largest, least / M), of the mean squares m over AVERAGE and
+    M over LONG_AVERAGE, and its suspicion grows as :func:`~.suspicion.suspicion` says.
+    """
+
+    spare: bool
+    """Whether it can be left out; see :func:`spare_sensors`."""
+    covered: bool
+    """Whether a further channel shows its output, too."""
+    noise: float
+    """Its deviation with its hum [output unit]."""
+    largest: float
+    """Mean square that is still plausible."""
+    least: float
+    """The same; 0: none is too small."""
+    left_out: bool = False
+    away: bool = False
+    """Whether it jumped off what was expected, and not back: it lies, even where an estimate that believes it explains
+    the others, too.
+    """
+    silent: float = 0.0
+    """Since its last reading [s]."""
+    blamed: float = BLAMELESS
+    """Since it was under suspicion last [s]."""
+    seconds: float = 0.0
+    """Suspicion [s]."""
+    mean: float = 1.0
+    """m."""
+    lasting: float = 1.0
+    """M."""
+    large: float = 0.0
+    """r of innovations that are too large, without those that are too small."""
+    evidence: float = 0.0
+    """r while it is used."""
+    reading: float = math.nan
+    """The last one while it is left out, and what that was off the expected one."""
+    off: float = math.nan
+    count: int = 0
+    """How often it was left out."""
+
+
+def renew(sensors: Sequence[MonitoredSensor]) -> None:
+    """Forget the innovations of an estimate that has begun anew."""
+    for k in range(len(sensors)):
+        sensors[k].mean = sensors[k].lasting = 1.0
+        sensors[k].large = 0.0
+
+
+def judge_sensors(
+    monitor: MonitorRecord,
+    sensors: Sequence[MonitoredSensor],
+    readings: Sequence[float],
+    normalised: Sequence[float],
+    expected: Sequence[float],
+    elapsed: float,
+) -> None:
+    """Take in an update after ``elapsed`` [s]: readings (outputs,), NaN where there is none, the parts (outputs,) of
+    the normalised innovation, and, where a sensor is left out, what the estimate expects (outputs,).
+
+    A sensor under suspicion for ``leave_after`` is left out where the others tell the state and were beyond doubt
+    themselves, and comes back when it has agreed with the estimate for as long, or by :func:`readmit`.
+    """
+    count, worst, most = len(sensors), 0, -1.0
+    for k in range(count):
+        sensors[k].silent = sensors[k].silent + elapsed if math.isnan(readings[k]) else 0.0
+        sensors[k].blamed += elapsed
+        if sensors[k].left_out:
+            _compare(monitor, sensors, k, readings[k], expected[k], elapsed)
+        else:
+            if sensors[k].seconds == 0.0:
+                sensors[k].away = normalised[k] > SUDDEN * sensors[k].largest
+            r = _evidence(monitor, sensors, k, normalised[k], elapsed)
+            seconds = suspicion(sensors[k].seconds, r, elapsed, 2.0 * monitor.leave_after)
+            sensors[k].evidence, sensors[k].seconds = r, seconds
+            if seconds > 0.0 and r > 1.0:
+                sensors[k].blamed = 0.0
+    if _is_vain(monitor, sensors):
+        readmit(sensors)
+        for k in range(count):  # the model or an actuator is to blame: none is left out for a while
+            sensors[k].blamed = 0.0
+    for k in range(count):
+        if sensors[k].spare and sensors[k].seconds > most:
+            worst, most = k, sensors[k].seconds
+    if most >= monitor.leave_after and _may_leave(monitor, sensors, worst):
+        sensors[worst].left_out, sensors[worst].evidence = True, 0.0
+        sensors[worst].mean = CLEAREST * sensors[worst].largest
+        sensors[worst].reading = sensors[worst].off = math.nan
+        sensors[worst].count += 1
+
+
+def _evidence(
+    monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], k: int, square: float, elapsed: float
+) -> float:
+    if sensors[k].silent > monitor.timeout:
+        return 0.0 if sensors[k].spare else MISSING
+    largest, least = sensors[k].largest, sensors[k].least
+    if math.isfinite(square):
+        clear = min(square, CLEAREST * largest)  # so that one wild reading is no evidence
+        sensors[k].mean += min(elapsed / AVERAGE, 1.0) * (clear - sensors[k].mean)
+        clear = min(clear, LASTING * largest)  # so that it is forgotten soon
+        sensors[k].lasting += min(elapsed / LONG_AVERAGE, 1.0) * (clear - sensors[k].lasting)
+    sensors[k].large = max(sensors[k].mean, LASTING * sensors[k].lasting) / largest
+    small = 0.0
+    if least > 0.0:
+        small = least / sensors[k].lasting if sensors[k].lasting > 0.0 else CLEAREST
+    return max(sensors[k].large, small)
+
+
+def _compare(
+    monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], k: int, reading: float, expected: float, elapsed: float
+) -> None:
+    """Let a sensor back that agrees with the estimate."""
+    largest, off = sensors[k].largest, reading - expected
+    jump = min(abs(reading - sensors[k].reading), abs(off - sensors[k].off))
+    sensors[k].reading, sensors[k].off = reading, off
+    if jump > sensors[k].noise * math.sqrt(2.0 * largest) or sensors[k].silent > monitor.timeout:
+        sensors[k].away = False
+    square = min((off / sensors[k].noise) * (off / sensors[k].noise), CLEAREST * largest)
+    agrees = False
+    if math.isfinite(square):
+        sensors[k].mean += min(elapsed / AVERAGE, 1.0) * (square - sensors[k].mean)
+        agrees = sensors[k].mean < AGREES * largest
+    evidence = 0.0 if agrees else CLEAREST
+    sensors[k].seconds = suspicion(sensors[k].seconds, evidence, elapsed, 2.0 * monitor.leave_after)
+    if sensors[k].seconds == 0.0:
+        _admit(sensors, k)
+
+
+def readmit(sensors: Sequence[MonitoredSensor]) -> None:
+    """Use all sensors again."""
+    for k in range(len(sensors)):
+        if sensors[k].left_out:
+            _admit(sensors, k)
+
+
+def _admit(sensors: Sequence[MonitoredSensor], k: int) -> None:
+    sensors[k].left_out, sensors[k].seconds = False, 0.0
+    sensors[k].mean = sensors[k].lasting = 1.0
+    sensors[k].large = 0.0
+
+
+def is_any_left_out(sensors: Sequence[MonitoredSensor]) -> bool:
+    """Whether a sensor is left out now."""
+    found = False
+    for k in range(len(sensors)):
+        found = found or sensors[k].left_out
+    return found
+
+
+def _is_vain(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor]) -> bool:
+    """Whether a sensor that is used contradicts the model as long as it may: then it was wrong to leave another one
+    out, and the model or an actuator is.
+    """
+    for k in range(len(sensors)):
+        suspected = sensors[k].seconds >= 2.0 * monitor.leave_after
+        if not sensors[k].left_out and sensors[k].large > 1.0 and suspected:
+            return is_any_left_out(sensors)
+    return False
+
+
+def _may_leave(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], worst: int) -> bool:
+    for j in range(len(sensors)):
+        missing = j != worst and sensors[j].silent > monitor.timeout
+        if sensors[j].left_out or missing or (j != worst and sensors[j].blamed < BLAMELESS):
             return False
-        self._squares.append(square)
-        full = 0 < len(self._squares) == self._squares.maxlen
-        found = self._least > 0.0 and full and sum(self._squares) <= self._least
-        self.count += found
-        return found
+    return True
+
+
+def without(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor]) -> int:
+    """How many sensors the estimate has to do without now."""
+    count = 0
+    for k in range(len(sensors)):
+        if not sensors[k].covered and (sensors[k].left_out or sensors[k].silent > monitor.timeout):
+            count += 1
+    return count
+
+
+def is_contradicted(sensors: Sequence[MonitoredSensor]) -> bool:
+    """Whether innovations are too large, not only too small, which leads no estimate astray."""
+    found = False
+    for k in range(len(sensors)):
+        found = found or (sensors[k].large > 1.0 and not sensors[k].left_out)
+    return found
+
+
+def doubt_of(sensors: Sequence[MonitoredSensor]) -> float:
+    """The strongest evidence against the estimate, as a multiple of its threshold."""
+    most, used = 0.0, False
+    for k in range(len(sensors)):
+        if not sensors[k].left_out:
+            most, used = max(most, sensors[k].evidence), True
+    return most if used else CLEAREST
 
 
 class SensorMonitor:
-    """Judges each sensor by its normalised innovations, whose mean square is 1 where model and noise are right.
-
-    Evidence against a sensor is r = max(m / largest, LASTING M / largest, least / M), of the mean squares m over
-    AVERAGE and M over LONG_AVERAGE, and its suspicion grows as :class:`~.suspicion.Suspicion` says. A sensor under
-    suspicion for ``leave_after`` is left out where the others tell the state and were beyond doubt themselves, and
-    comes back when it has agreed with the estimate for as long, or by :meth:`readmit`.
-
-    left_out: which sensors are left out now (outputs,). counts: how often each was. away: which jumped off what was
-    expected, and not back: these lie, even where an estimate that believes them explains the others, too.
-    """
+    """The kernels' memory of p sensors. record, sensors: see :class:`MonitorRecord`, :class:`MonitoredSensor`."""
 
     def __init__(
         self,
@@ -108,129 +275,40 @@ class SensorMonitor:
         timeout: float,
         covered: Sequence[bool] = (),
     ) -> None:
-        """spare: see :func:`spare_sensors`. noise: deviation of each sensor with its hum [output unit]. largest,
-        least (outputs,): mean squares that are still plausible; least 0: none is too small. leave_after, timeout [s]:
-        of suspicion, and without a reading after which a sensor counts as missing. covered: outputs that a further
-        channel shows, too.
-        """
-        count = len(noise)
-        self._covered = list(covered) or [False] * count
-        self.left_out, self.counts, self.away = [False] * count, [0] * count, [False] * count
-        self._beside = [(math.nan, math.nan)] * count
-        self._spare, self._noise = list(map(bool, spare)), list(noise)
-        self._largest, self._least = list(largest), list(least)
-        self._leave_after, self._timeout = leave_after, timeout
-        self._suspicion = [Suspicion(2.0 * leave_after) for _ in noise]
-        self._silent, self._blamed = [0.0] * count, [BLAMELESS] * count
-        self.renew()
-        self.evidence = [0.0] * count
-        """r of each sensor that is used."""
+        """See :class:`MonitoredSensor`, each (p,); covered: by default none is."""
+        covered = covered or [False] * len(noise)
+        self.record = MonitorRecord(leave_after, timeout)
+        rows = zip(map(bool, spare), covered, noise, largest, least, strict=True)
+        self.sensors = [MonitoredSensor(*row) for row in rows]
 
-    def renew(self) -> None:
-        """Forget the innovations of an estimate that has begun anew."""
-        count = len(self._noise)
-        self._mean, self._long, self._large = [1.0] * count, [1.0] * count, [0.0] * count
+    @property
+    def left_out(self) -> list[bool]:
+        """Which sensors are left out now (p,)."""
+        return [sensor.left_out for sensor in self.sensors]
 
-    def screen(self, outputs: Array) -> None:
-        """Take the readings of the sensors that are left out from outputs (outputs,), in place."""
-        for k, out in enumerate(self.left_out):
-            if out:
-                outputs[k] = math.nan
+    @property
+    def counts(self) -> list[int]:
+        """How often each was (p,)."""
+        return [sensor.count for sensor in self.sensors]
 
-    def judge(self, readings: Array, normalised: Array, expected: Array | None, elapsed: float) -> None:
-        """Take in an update after ``elapsed`` [s]: readings (outputs,), NaN where there is none, the parts (outputs,)
-        of the normalised innovation, and, where a sensor is left out, what the estimate expects (outputs,).
-        """
-        for k, out in enumerate(self.left_out):
-            reading = float(readings[k])
-            self._silent[k] = self._silent[k] + elapsed if math.isnan(reading) else 0.0
-            self._blamed[k] += elapsed
-            if out:
-                self._compare(k, reading, math.nan if expected is None else float(expected[k]), elapsed)
-            else:
-                if self._suspicion[k].seconds == 0.0:
-                    self.away[k] = float(normalised[k]) > SUDDEN * self._largest[k]
-                self.evidence[k] = r = self._evidence(k, float(normalised[k]), elapsed)
-                if self._suspicion[k].add(r, elapsed) > 0.0 and r > 1.0:
-                    self._blamed[k] = 0.0
-        if any(self.left_out) and self._is_vain():
-            self.readmit()
-            # The model or an actuator is to blame: none is left out for a while.
-            self._blamed = [0.0] * len(self._blamed)
-        worst = max(range(len(self.evidence)), key=lambda k: self._suspicion[k].seconds if self._spare[k] else -1.0)
-        if self._suspicion[worst].seconds >= self._leave_after and self._may_leave(worst):
-            self.left_out[worst], self.evidence[worst] = True, 0.0
-            self._mean[worst], self._beside[worst] = CLEAREST * self._largest[worst], (math.nan, math.nan)
-            self.counts[worst] += 1
-
-    def _evidence(self, k: int, square: float, elapsed: float) -> float:
-        if self.is_missing(k):
-            return MISSING if not self._spare[k] else 0.0
-        if math.isfinite(square):
-            square = min(square, CLEAREST * self._largest[k])  # so that one wild reading is no evidence
-            self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
-            square = min(square, LASTING * self._largest[k])  # so that it is forgotten soon
-            self._long[k] += min(elapsed / LONG_AVERAGE, 1.0) * (square - self._long[k])
-        large = self._large[k] = max(self._mean[k], LASTING * self._long[k]) / self._largest[k]
-        small = self._least[k] / self._long[k] if self._long[k] > 0.0 else CLEAREST * (self._least[k] > 0.0)
-        return max(large, small)
-
-    def _compare(self, k: int, reading: float, expected: float, elapsed: float) -> None:
-        """Let a sensor back that agrees with the estimate."""
-        most = CLEAREST * self._largest[k]
-        moved, came = reading - self._beside[k][0], reading - expected - self._beside[k][1]
-        self._beside[k] = reading, reading - expected
-        back = min(abs(moved), abs(came)) > self._noise[k] * math.sqrt(2.0 * self._largest[k])
-        self.away[k] &= not back and not self.is_missing(k)
-        square = min(((reading - expected) / self._noise[k]) ** 2, most)
-        if math.isfinite(square):
-            self._mean[k] += min(elapsed / AVERAGE, 1.0) * (square - self._mean[k])
-        agrees = math.isfinite(square) and self._mean[k] < AGREES * self._largest[k]
-        if self._suspicion[k].add(0.0 if agrees else CLEAREST, elapsed) == 0.0:
-            self._admit(k)
-
-    def readmit(self) -> None:
-        """Use all sensors again."""
-        for k, out in enumerate(self.left_out):
-            if out:
-                self._admit(k)
-
-    def _admit(self, k: int) -> None:
-        self.left_out[k], self._suspicion[k].seconds = False, 0.0
-        self._mean[k], self._long[k], self._large[k] = 1.0, 1.0, 0.0
-
-    def _is_vain(self) -> bool:
-        """Whether a sensor that is used contradicts the model as long as it may: then it was wrong to leave another one
-        out, and the model or an actuator is.
-        """
-        used = (k for k, out in enumerate(self.left_out) if not out)
-        return any(self._large[k] > 1.0 and self._suspicion[k].seconds >= 2.0 * self._leave_after for k in used)
-
-    def _may_leave(self, k: int) -> bool:
-        others = [j for j in range(len(self._spare)) if j != k]
-        return (
-            self._spare[k]
-            and not self.left_out[k]
-            and all(self._blamed[j] >= BLAMELESS and not self.left_out[j] and not self.is_missing(j) for j in others)
-        )
-
-    def is_missing(self, k: int) -> bool:
-        """Whether a sensor has shown nothing for too long."""
-        return self._silent[k] > self._timeout
+    @property
+    def evidence(self) -> list[float]:
+        """Evidence against each sensor that is used (p,)."""
+        return [sensor.evidence for sensor in self.sensors]
 
     @property
     def without(self) -> int:
-        """How many sensors the estimate has to do without now."""
-        lacking = [out or self.is_missing(k) for k, out in enumerate(self.left_out)]
-        return sum(lack and not covered for lack, covered in zip(lacking, self._covered, strict=True))
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether innovations are too large, not only too small, which leads no estimate astray."""
-        return any(r > 1.0 and not out for r, out in zip(self._large, self.left_out, strict=True))
+        """See :func:`without`."""
+        return without(self.record, self.sensors)
 
     @property
     def doubt(self) -> float:
-        """The strongest evidence against the estimate, as a multiple of its threshold."""
-        used = (r for r, out in zip(self.evidence, self.left_out, strict=True) if not out)
-        return max(used, default=CLEAREST)
+        """See :func:`doubt_of`."""
+        return doubt_of(self.sensors)
+
+    def judge(
+        self, readings: Sequence[float], normalised: Sequence[float], expected: Sequence[float] | None, elapsed: float
+    ) -> None:
+        """See :func:`judge_sensors`."""
+        known = expected if expected is not None else [math.nan] * len(self.sensors)
+        judge_sensors(self.record, self.sensors, readings, normalised, known, elapsed)

@@ -8,21 +8,14 @@ LONGEST = 0.05
 """Time [s] for which one update counts as evidence, however long ago the last one was."""
 
 
-class Suspicion:
-    """S+ = clip(S + (min(r, 10) - 1) dt, 0, most), in seconds; r: evidence as a multiple of its threshold, 0 below it.
+def suspicion(seconds: float, evidence: float, elapsed: float, most: float) -> float:
+    """S+ = clip(S + (min(r, 10) - 1) dt, 0, most), in seconds; r: evidence as a multiple of its threshold, 0 below it
+    and where it is NaN.
 
     Evidence that stays at twice its threshold reaches one second after one second, clear evidence nine times sooner;
-    without any, S falls by a second a second. What is below its threshold is none: it must not delay the way back.
+    without any, S falls by a second a second. What is below its threshold is none: it must not delay the way back. At
+    most it stops to grow, so that it is forgotten within a known time.
     Source: Page (1954), Continuous inspection schemes, Biometrika 41.
     """
-
-    def __init__(self, most: float) -> None:
-        """most: where it stops to grow [s], so that it is forgotten within a known time."""
-        self.seconds = 0.0
-        self._most = most
-
-    def add(self, evidence: float, elapsed: float) -> float:
-        """Take in evidence of the last ``elapsed`` [s]; NaN counts as none. Returns S [s]."""
-        clear = min(evidence, CLEAREST) if evidence > 1.0 else 0.0
-        self.seconds = min(max(self.seconds + (clear - 1.0) * elapsed, 0.0), self._most)
-        return self.seconds
+    clear = min(evidence, CLEAREST) if evidence > 1.0 else 0.0
+    return min(max(seconds + (clear - 1.0) * elapsed, 0.0), most)

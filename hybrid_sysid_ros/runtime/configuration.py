@@ -13,7 +13,8 @@ import numpy as np
 from hybrid_sysid_ros.control import Controller, ControlProblem
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.safety.failsafe import Ladder
-from hybrid_sysid_ros.control.safety.guard import RECENT, GuardSettings
+from hybrid_sysid_ros.control.safety.guard import GuardSettings
+from hybrid_sysid_ros.control.safety.guarding import RECENT
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.control.waiting_inputs import WaitingInputs

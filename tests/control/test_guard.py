@@ -5,9 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control.safety.failsafe import AGAIN, ROOM, Failsafe, Ladder, LoopState
-from hybrid_sysid_ros.control.safety.governor import ReferenceGovernor
-from hybrid_sysid_ros.control.safety.guard import ACTUATOR, ESTIMATE, RANGE, RETURN, Guard, GuardSettings
+from hybrid_sysid_ros.control.safety.failsafe import (
+    AGAIN,
+    NOTHING,
+    ROOM,
+    Evidence,
+    Failsafe,
+    Ladder,
+    LoopState,
+    judge_evidence,
+)
+from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
+from hybrid_sysid_ros.control.safety.guard import Guard, GuardSettings
+from hybrid_sysid_ros.control.safety.guarding import RETURN
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST
 
 LADDER = Ladder(slowed=0.1, holding=0.2, resting=0.3)
@@ -31,46 +41,51 @@ def judge(found, steps, *, doubt=0.0, without=0.0, applied=UNKNOWN, state=(0.0, 
 
 def test_evidence_climbs_the_ladder_one_level_after_the_other():
     """At twice the threshold suspicion is the time; each level comes after its own."""
-    failsafe = Failsafe(LADDER, ["a", "b"])
-    levels = [failsafe.judge({"a": 2.0, "b": 0.0}, 0.01) for _ in range(35)]
+    failsafe, kinds = Failsafe(*LADDER), [Evidence(2.0), Evidence(0.0)]
+    levels = [judge_evidence(failsafe, kinds, 0.01) for _ in range(35)]
     for level, after in zip((LoopState.SLOWED, LoopState.HOLDING, LoopState.RESTING), LADDER, strict=True):
         assert levels.index(level) == pytest.approx(after / 0.01 - 1, abs=1)
-    assert failsafe.reason == "a"
-    assert list(failsafe.tripped.values()) == [1, 1, 1]
+    assert levels == sorted(levels)
+    assert failsafe.cause == 0
 
 
 def test_the_way_back_has_hysteresis_and_takes_a_known_time():
-    failsafe = Failsafe(LADDER, ["a"])
+    failsafe, kinds = Failsafe(*LADDER), [Evidence(1e9)]
     for _ in range(1000):
-        failsafe.judge({"a": 1e9}, 0.01)
-    assert failsafe.state is LoopState.RESTING
-    levels = [failsafe.judge({"a": 0.0}, 0.001) for _ in range(400)]
+        judge_evidence(failsafe, kinds, 0.01)
+    assert failsafe.level == LoopState.RESTING
+    kinds[0].value = 0.0
+    levels = [judge_evidence(failsafe, kinds, 0.001) for _ in range(400)]
     assert levels == sorted(levels, reverse=True)
     left = next(k for k, level in enumerate(levels) if level < LoopState.RESTING) * 0.001
     assert left == pytest.approx((ROOM - AGAIN) * LADDER.resting, abs=0.003)
     back = levels.index(LoopState.DRIVING) * 0.001
     assert back == pytest.approx(ROOM * LADDER.resting - AGAIN * LADDER.slowed, abs=0.003)
-    assert failsafe.reason == ""
+    assert failsafe.cause == NOTHING
 
 
 def test_evidence_below_its_threshold_never_trips():
-    failsafe = Failsafe(LADDER, ["a"])
-    assert {failsafe.judge({"a": 0.99}, 0.1) for _ in range(10_000)} == {LoopState.DRIVING}
+    failsafe, kinds = Failsafe(*LADDER), [Evidence(0.99)]
+    assert {judge_evidence(failsafe, kinds, 0.1) for _ in range(10_000)} == {LoopState.DRIVING}
 
 
 def test_a_governor_leads_on_at_its_rate_and_is_free_when_it_has_met():
-    governor, times = ReferenceGovernor(1), np.array([0.1, 0.2, 0.3])
-    preview, rate = np.full((3, 1), 5.0), np.array([10.0])
-    assert governor.follow(np.array([5.0]), preview, times, rate, 0.1, keep=False) is preview
-    governor.begin(np.array([0.0]))
-    found = governor.follow(np.array([5.0]), preview, times, rate, 0.1, keep=False)
-    assert found[:, 0] == pytest.approx([2.0, 3.0, 4.0])
+    governor, outputs, times = ReferenceGovernor(), [GovernedOutput(10.0, math.nan, math.nan)], [0.1, 0.2, 0.3]
+    lead_from(governor, outputs, [0.0])
+
+    def followed():
+        preview = [5.0] * 3
+        follow_reference(governor, outputs, [5.0], preview, times, 1.0, 0.1, False)
+        return preview
+
+    found = followed()
+    assert found == pytest.approx([2.0, 3.0, 4.0])
     met = [governor.free]
     for _ in range(4):
-        governor.follow(np.array([5.0]), preview, times, rate, 0.1, keep=False)
+        followed()
         met.append(governor.free)
     assert met == [False, False, False, False, True]
-    assert governor.reference == pytest.approx([5.0])
+    assert outputs[0].reference == pytest.approx(5.0)
 
 
 def test_doubt_slows_holds_and_rests():
@@ -87,7 +102,7 @@ def test_a_missing_sensor_slows_and_no_more():
 def test_who_is_told_only_to_tell_drives_on():
     found = guard(act=False)
     assert set(judge(found, 100, doubt=5.0)) == {LoopState.DRIVING}
-    assert found.failsafe.state is LoopState.RESTING
+    assert found.level is LoopState.RESTING
 
 
 def test_an_actuator_is_held_against_the_recent_commands():
@@ -95,11 +110,11 @@ def test_an_actuator_is_held_against_the_recent_commands():
     for command in (3.0, 5.0):
         found.commanded(np.array([command]))
     judge(found, 1, applied=np.array([4.0]))
-    assert found.evidence[ACTUATOR] <= 0.0
+    assert found.evidence["actuator"] <= 0.0
     judge(found, 1, applied=np.array([-1.0]))
-    assert found.evidence[ACTUATOR] >= 1.0  # a volt below rest, of a tolerance of a volt
+    assert found.evidence["actuator"] >= 1.0  # a volt below rest, of a tolerance of a volt
     judge(found, 1)
-    assert found.evidence[ACTUATOR] == 0.0, "what acts is not known"
+    assert found.evidence["actuator"] == 0.0, "what acts is not known"
     for _ in range(RECENT + 1):
         found.commanded(np.array([8.0]))
         judge(found, 1)
@@ -119,7 +134,7 @@ def test_an_actuator_has_the_same_time_at_any_rate_of_commands(step):
     for _ in range(round(2.0 * allowed / step)):
         found.judge(0.0, 0.0, np.zeros(1), np.zeros(2), step)
         found.commanded(np.array([8.0]))
-        late.append(found.evidence[ACTUATOR] > 0.0)
+        late.append(found.evidence["actuator"] > 0.0)
     assert late.index(True) * step == pytest.approx(allowed, abs=2.0 * step)
 
 
@@ -131,23 +146,23 @@ def test_an_actuator_with_another_gain_is_found_by_small_commands(gain, evident)
         command = np.array([0.4 * math.sin(0.02 * k)])
         found.commanded(command)
         judge(found, 1, applied=gain * command)
-        worst = max(worst, found.evidence[ACTUATOR])
+        worst = max(worst, found.evidence["actuator"])
     assert (worst > 1.0) is evident
 
 
 def test_a_state_outside_its_range_is_evidence():
     found = guard()
     judge(found, 1, state=(1.04, 1e6))
-    assert found.evidence[RANGE] == pytest.approx(1.0)
+    assert found.evidence["range"] == pytest.approx(1.0)
     judge(found, 1, state=(math.nan, 0.0))
-    assert found.evidence[RANGE] == 0.0
+    assert found.evidence["range"] == 0.0
 
 
 def test_no_evidence_is_worth_more_than_the_clearest():
     found = guard()
     judge(found, 1, doubt=math.inf)
-    assert found.evidence[ESTIMATE] == math.inf
-    assert found.failsafe.judge({ESTIMATE: math.nan}, 1e-9) is LoopState.DRIVING
+    assert found.evidence["estimate"] == math.inf
+    assert judge(found, 1, doubt=math.nan) == [LoopState.DRIVING]
     assert LADDER.slowed > (CLEAREST - 1.0) * STEP
 
 
@@ -188,10 +203,12 @@ def test_a_slowed_reference_moves_slowly_and_a_held_one_does_not():
     assert found.reference(LoopState.SLOWED, now, preview, times, 1.0) == pytest.approx(np.array([[2.0]]))
     assert found.reference(LoopState.HOLDING, now, preview, times, 1.0) == pytest.approx(np.array([[1.0]]))
     assert found.reference(LoopState.DRIVING, now, preview, times, 0.5) == pytest.approx(np.array([[4.0]]))
-    assert found.governor.reference == pytest.approx([2.0])
+    assert found.memory.outputs[0].reference == pytest.approx(2.0)
 
 
 def test_a_reference_begins_within_the_reach_of_set_points():
     """A rig that was driven beyond all set-points is not led back from there."""
-    assert guard().within_reach(np.array([-7.0])) == -3.0
-    assert guard().within_reach(np.array([7.0])) == 7.0
+    found = guard()
+    for begin, expected in ((-7.0, -3.0), (7.0, 7.0)):
+        found.come_back(np.array([begin]))
+        assert found.memory.outputs[0].reference == expected

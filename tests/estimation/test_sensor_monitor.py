@@ -5,14 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.estimation.sensor_monitor import (
-    AVERAGE,
-    BLAMELESS,
-    FrozenSensorDetector,
-    SensorMonitor,
-    spare_sensors,
-)
-from hybrid_sysid_ros.estimation.suspicion import CLEAREST, Suspicion
+from hybrid_sysid_ros.estimation.frozen_sensor import frozen_detectors, is_frozen
+from hybrid_sysid_ros.estimation.monitored_estimator import screen
+from hybrid_sysid_ros.estimation.sensor_monitor import AVERAGE, BLAMELESS, SensorMonitor, readmit, spare_sensors
+from hybrid_sysid_ros.estimation.suspicion import CLEAREST, suspicion
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_tuning
 
@@ -37,39 +33,42 @@ def judge(found, squares, *, readings=None, expected=None, steps=1):
 
 
 def test_suspicion_is_the_time_beyond_the_threshold():
-    suspicion = Suspicion(1.0)
-    assert suspicion.add(2.0, 0.1) == pytest.approx(0.1)
-    assert suspicion.add(0.0, 0.02) == pytest.approx(0.08)
-    assert suspicion.add(0.9, 0.02) == pytest.approx(0.06), "what is below the threshold is none"
-    assert suspicion.add(math.nan, 1.0) == 0.0
-    assert suspicion.add(1e9, 0.01) == pytest.approx((CLEAREST - 1.0) * 0.01)
-    assert suspicion.add(1e9, 10.0) == 1.0
+    assert suspicion(0.0, 2.0, 0.1, 1.0) == pytest.approx(0.1)
+    assert suspicion(0.1, 0.0, 0.02, 1.0) == pytest.approx(0.08)
+    assert suspicion(0.08, 0.9, 0.02, 1.0) == pytest.approx(0.06), "what is below the threshold is none"
+    assert suspicion(0.06, math.nan, 1.0, 1.0) == 0.0
+    assert suspicion(0.0, 1e9, 0.01, 1.0) == pytest.approx((CLEAREST - 1.0) * 0.01)
+    assert suspicion(0.09, 1e9, 10.0, 1.0) == 1.0
+
+
+def frozen(detectors, ring, reading):
+    return is_frozen(detectors[0], ring, 0, len(ring), reading)
 
 
 def test_white_noise_is_not_frozen_and_what_stands_still_is():
     noise = np.random.default_rng(0).normal(0.0, 0.1, 5000)
-    detector = FrozenSensorDetector(0.1, after=20)
-    assert not any(detector.is_frozen(value) for value in noise)
+    detector = frozen_detectors([0.1], 20)
+    assert not any(frozen(*detector, value) for value in noise)
     dithered = [1.0 + 0.02 * (k % 2) for k in range(40)]
-    found = [detector.is_frozen(value) for value in dithered]
+    found = [frozen(*detector, value) for value in dithered]
     assert not any(found[:20])
     assert all(found[21:])
-    assert detector.count == sum(found)
-    assert not detector.is_frozen(1.3)
+    assert detector[0][0].count == sum(found)
+    assert not frozen(*detector, 1.3)
 
 
 def test_white_noise_is_not_frozen_at_a_low_rate():
     """At 50 Hz a tenth of a second has five readings, which are now and then as still by chance."""
-    detector = FrozenSensorDetector(0.1, after=5)
+    detector = frozen_detectors([0.1], 5)
     noise = np.random.default_rng(0).normal(0.0, 0.1, 50_000)
-    assert not any(map(detector.is_frozen, noise.tolist()))
-    assert any(detector.is_frozen(1.0) for _ in range(50))
+    assert not any(frozen(*detector, value) for value in noise.tolist())
+    assert any(frozen(*detector, 1.0) for _ in range(50))
 
 
 @pytest.mark.parametrize(("noise", "after"), [(0.0, 20), (0.1, 0)])
 def test_a_sensor_without_noise_is_never_frozen(noise, after):
-    detector = FrozenSensorDetector(noise, after=after)
-    assert not any(detector.is_frozen(1.0) for _ in range(100))
+    detector = frozen_detectors([noise], after)
+    assert not any(frozen(*detector, 1.0) for _ in range(100))
 
 
 def test_squares_of_a_right_model_are_no_evidence():
@@ -93,13 +92,13 @@ def test_a_sensor_that_contradicts_the_model_is_left_out_and_comes_back():
     assert found.left_out == [True, False]
     assert found.without == 1
     assert found.doubt < 1.0, "the estimate does without it"
-    outputs = np.array([3.0, 4.0])
-    found.screen(outputs)
-    assert np.isnan(outputs[0])
+    outputs = [3.0, 4.0]
+    assert screen(found.sensors, *frozen_detectors([0.0, 0.0], 0), outputs, [0.0, 0.0])
+    assert math.isnan(outputs[0])
     assert outputs[1] == 4.0
     judge(found, [math.nan, 1.0], readings=[50.0, 0.0], expected=np.zeros(2), steps=round(10.0 / STEP))
     assert found.left_out == [True, False]
-    found.readmit()
+    readmit(found.sensors)
     judge(found, [1.0, 1.0])
     assert found.left_out == [False, False]
     assert found.doubt < 1.0

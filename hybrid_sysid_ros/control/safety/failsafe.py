@@ -1,17 +1,23 @@
-"""Failsafe: what a loop does about the evidence that it has, step by step, and how it comes back."""
+"""Failsafe: what a loop does about the evidence that it has, step by step, and how it comes back.
+
+The kernels are Python, and are printed as C.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from hybrid_sysid_ros.estimation.suspicion import Suspicion
+from hybrid_sysid_ros.estimation.suspicion import suspicion
 
 AGAIN = 0.5
 """Share of a level's time to which suspicion must have fallen before that level is left again."""
 ROOM = 1.25
 """Multiple of the last level's time at which suspicion stops to grow."""
+NOTHING = -1
+"""The cause of a level without one."""
 
 
 class LoopState(IntEnum):
@@ -44,57 +50,50 @@ class Ladder(NamedTuple):
     resting: float
 
 
+@dataclass(slots=True)
 class Failsafe:
     """Evidence becomes a level: the suspicion of each kind of evidence climbs the ladder, and the highest counts.
 
-    A level is entered as soon as suspicion reaches its time and left when it has fallen to AGAIN of that.
-
-    state: the level now. reason: the name of the evidence behind it, "" while driving. tripped: how often each level
-    was entered.
+    slowed, holding, resting: the :class:`Ladder`. level: a :class:`LoopState`. cause: the index of the evidence behind
+    it.
     """
 
-    def __init__(self, ladder: Ladder, names: Sequence[str]) -> None:
-        """names: of the kinds of evidence."""
-        self.ladder = ladder
-        self._suspicions = {name: Suspicion(ROOM * ladder.resting) for name in names}
-        self.reset()
+    slowed: float
+    holding: float
+    resting: float
+    level: int = LoopState.DRIVING
+    cause: int = NOTHING
 
-    def reset(self) -> None:
-        """Forget all suspicion."""
-        self.state, self.reason = LoopState.DRIVING, ""
-        self.tripped = dict.fromkeys((LoopState.SLOWED, LoopState.HOLDING, LoopState.RESTING), 0)
-        for suspicion in self._suspicions.values():
-            suspicion.seconds = 0.0
 
-    @property
-    def suspicion(self) -> float:
-        """The largest of all [s]."""
-        return max(suspicion.seconds for suspicion in self._suspicions.values())
+@dataclass(slots=True)
+class Evidence:
+    """Evidence of one kind, as a multiple of its threshold, and the suspicion that it has raised [s]."""
 
-    def suspects(self, name: str, level: LoopState) -> bool:
-        """Whether a kind of evidence would be enough by itself to stay at a level of the ladder."""
-        return self._suspicions[name].seconds >= AGAIN * self.ladder[level - LoopState.SLOWED]
+    value: float = 0.0
+    seconds: float = 0.0
 
-    def go_on(self, other: Failsafe) -> None:
-        """Take over the level and the suspicions of another one with the same kinds of evidence."""
-        self.state, self.reason, self.tripped = other.state, other.reason, other.tripped
-        for name, suspicion in self._suspicions.items():
-            suspicion.seconds = other._suspicions[name].seconds
 
-    def judge(self, evidence: Mapping[str, float], elapsed: float) -> LoopState:
-        """Take in evidence of the last ``elapsed`` [s], as multiples of the thresholds; return the level now."""
-        most, name = 0.0, ""
-        for key, r in evidence.items():
-            if (seconds := self._suspicions[key].add(r, elapsed)) > most:
-                most, name = seconds, key
-        before, level = self.state, LoopState.DRIVING
-        for state, after in zip(self.tripped, self.ladder, strict=True):
-            if most >= (AGAIN * after if state <= before else after):
-                level = state
-        if level > before:
-            self.tripped[level] += 1
-            self.reason = name
-        elif level == LoopState.DRIVING:
-            self.reason = ""
-        self.state = level
-        return level
+def judge_evidence(failsafe: Failsafe, kinds: Sequence[Evidence], elapsed: float) -> int:
+    """Take in evidence of the last ``elapsed`` [s]; return the level now.
+
+    A level is entered as soon as suspicion reaches its time and left when it has fallen to AGAIN of that.
+    """
+    most, cause, before = 0.0, NOTHING, failsafe.level
+    for k in range(len(kinds)):
+        seconds = suspicion(kinds[k].seconds, kinds[k].value, elapsed, ROOM * failsafe.resting)
+        kinds[k].seconds = seconds
+        if seconds > most:
+            most, cause = seconds, k
+    level = 0
+    if most >= failsafe.slowed * (AGAIN if before >= 1 else 1.0):
+        level = 1
+    if most >= failsafe.holding * (AGAIN if before >= 2 else 1.0):
+        level = 2
+    if most >= failsafe.resting * (AGAIN if before >= 3 else 1.0):
+        level = 3
+    if level > before:
+        failsafe.cause = cause
+    elif level == 0:
+        failsafe.cause = NOTHING
+    failsafe.level = level
+    return level

@@ -1,43 +1,67 @@
-"""Reference governor: leads a reference from where the rig is to where it should be, at a stated rate."""
+"""Reference governor: leads a reference from where the rig is to where it should be, at a stated rate.
+
+g+ = clip(r, g - rate dt, g + rate dt); the preview is clip(r(t), g - rate t, g + rate t), t from now on. Free, it lets
+references pass as they are. Source of the idea: Garone, Di Cairano, Kolmanovsky (2017), Reference and command
+governors, Automatica. The kernels are Python, and are printed as C.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from hybrid_sysid_ros.support.arrays import Array
 
-
+@dataclass(slots=True)
 class ReferenceGovernor:
-    """g+ = clip(r, g - rate dt, g + rate dt); the preview is clip(r(t), g - rate t, g + rate t), t from now on.
+    """free: it is not from :func:`lead_from` on, until it has met the reference."""
 
-    Free, it lets references pass as they are. It is no longer free from :meth:`begin` on, until it has met the
-    reference. Source of the idea: Garone, Di Cairano, Kolmanovsky (2017), Reference and command governors, Automatica.
+    free: bool = True
+
+
+@dataclass(slots=True)
+class GovernedOutput:
+    """An output under a governor. rate: by which its reference may move [output unit/s]. low, high: lowest and highest
+    set-point, NaN where there is none. reference: g.
     """
 
-    def __init__(self, outputs: int) -> None:
-        self.free = True
-        self.reference: Array = np.zeros(outputs)
-        """g (outputs,)."""
+    rate: float
+    low: float
+    high: float
+    reference: float = 0.0
 
-    def begin(self, outputs: Array) -> None:
-        """Lead the reference on from here (outputs,)."""
-        self.free = False
-        self.reference[:] = outputs
 
-    def release(self) -> None:
-        """Let references pass again."""
-        self.free = True
+def lead_from(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], begin: Sequence[float]) -> None:
+    """Lead the reference on from here (p,)."""
+    governor.free = False
+    for k in range(len(outputs)):
+        outputs[k].reference = begin[k]
 
-    def follow(self, now: Array, preview: Array, times: Array, rate: Array, elapsed: float, *, keep: bool) -> Array:
-        """The governed preview (points, outputs).
 
-        now: the reference at this moment (outputs,). preview: at ``times`` (points,) [s] from now. rate (outputs,): by
-        which it may move [output unit/s]. keep: it goes on to govern where it has met the reference.
-        """
-        if self.free:
-            return preview
-        reach = rate * elapsed
-        g = self.reference[:] = np.clip(now, self.reference - reach, self.reference + reach)
-        self.free = not keep and bool((g == now).all())
-        reach = times[:, None] * rate
-        return np.clip(preview, g - reach, g + reach)
+def come_back(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], begin: Sequence[float]) -> None:
+    """Lead the reference on from here (p,), or from the nearest set-points. A rig that is beyond all of these has been
+    driven there, and is brought back as fast as it may.
+    """
+    lead_from(governor, outputs, begin)
+    for k in range(len(outputs)):
+        outputs[k].reference = min(max(begin[k], outputs[k].low), outputs[k].high)
+
+
+def follow_reference(
+    governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], now: Sequence[float], preview: Any,
+    times: Sequence[float], share: float, elapsed: float, keep: bool,
+) -> None:  # fmt: skip
+    """Govern a preview (points p,) in place, one point after another. now: the reference at this moment (p,). times
+    (points,): of the preview, from now on [s]. share: of the rates. keep: go on to govern where it has met the
+    reference.
+    """
+    p, met = len(outputs), True
+    for k in range(p):
+        rate, g = share * outputs[k].rate, outputs[k].reference
+        g = min(max(now[k], g - rate * elapsed), g + rate * elapsed)
+        outputs[k].reference = g
+        met = met and g == now[k]
+        for i in range(len(times)):
+            reach = times[i] * rate
+            preview[i * p + k] = min(max(preview[i * p + k], g - reach), g + reach)
+    governor.free = met and not keep

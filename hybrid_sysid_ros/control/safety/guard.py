@@ -9,34 +9,18 @@ import numpy as np
 
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.controller import Controller
-from hybrid_sysid_ros.control.safety.failsafe import Failsafe, Ladder, LoopState
-from hybrid_sysid_ros.control.safety.governor import ReferenceGovernor
-from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
+from hybrid_sysid_ros.control.safety import guarding
+from hybrid_sysid_ros.control.safety.failsafe import NOTHING, Evidence, Failsafe, Ladder, LoopState
+from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, come_back, lead_from
+from hybrid_sysid_ros.control.safety.guarding import GuardedInput, GuardMemory, GuardRecord, StateRange
 from hybrid_sysid_ros.support.arrays import Array
 
-ESTIMATE, ACTUATOR, RANGE = "estimate", "actuator", "range"
 REASONS = {
-    ESTIMATE: "measurements contradict the model",
-    ACTUATOR: "the actuator does not do what was commanded",
-    RANGE: "the state is outside of the rig's travel or validity",
+    "estimate": "measurements contradict the model",
+    "actuator": "the actuator does not do what was commanded",
+    "range": "the state is outside of the rig's travel or validity",
 }
 """Kinds of evidence, in words."""
-RECENT = 0.05
-"""Time [s], beside its delay, for which an actuator may still be carrying out a command."""
-REMEMBERED = 64
-"""Commands: at 1 kHz those of RECENT and a little more."""
-UNLIKE = 0.5
-"""Share of what an actuator was commanded, as a root mean square, by which it may miss that."""
-SMALL = 0.1
-"""Share of the tolerance below which commands are too small to tell what an actuator makes of them."""
-AVERAGE = 0.1
-"""Time constant [s] of the mean squares of commands and of what they are missed by."""
-RETURN = 0.3
-"""Time [s] in which inputs get their whole range back: a sensor with the wrong sign looks right while a rig rests, and
-must show itself again before much has moved."""
-TRIAL = 0.025
-"""Share of half their range that inputs have, a stabiliser's among them, when an actuator in doubt is tried again: just
-enough to show what it makes of them. A flipped or disconnected one looks right at rest."""
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
 
 
@@ -74,138 +58,130 @@ class Guard:
 
     The evidence: ``doubt`` of the estimator; the distance of the applied inputs from the hull of the recent commands,
     over the tolerance or, squared, over the mean square of the commands; the distance of the state from its range over
-    OUTSIDE of that range.
+    OUTSIDE of that range. memory: of the kernels of :mod:`~.guarding`, which do all that.
     """
 
     def __init__(self, settings: GuardSettings) -> None:
         self.settings = settings
-        self.failsafe = Failsafe(settings.ladder, list(REASONS))
-        self.governor = ReferenceGovernor(len(settings.resume_rate))
-        self._span = settings.high - settings.low
-        self._middle = np.clip(0.0, settings.low, settings.high)
-        self._limited = bool(np.isfinite(settings.rate).any())
-        width = settings.state_high - settings.state_low
-        self._outside = OUTSIDE * np.where(np.isfinite(width), width, np.maximum(1.0, np.abs(self._finite())))
-        self._recent, self._replaced = np.zeros((REMEMBERED, len(self._span))), np.zeros(REMEMBERED)
-        self.evidence = dict.fromkeys(REASONS, 0.0)
         self.begin()
-
-    def _finite(self) -> Array:
-        """The end of a range that has only one, else 0 (n,)."""
-        low, high = self.settings.state_low, self.settings.state_high
-        return np.asarray(np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0)))
 
     def begin(self) -> None:
         """Forget the past."""
-        self.failsafe.reset()
-        self.governor.release()
-        self._recent[:], self._replaced[:] = self._middle, math.inf  # [s] ago; the newest one never was
-        self._row, self._share, self._tried = 0, 1.0, 1.0
-        self._replaced[self._row] = -math.inf
-        self._missed, self._asked = np.zeros(len(self._span)), np.zeros(len(self._span))
+        settings = self.settings
+        low, high = settings.state_low, settings.state_high
+        end = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0))
+        width = np.where(np.isfinite(high - low), high - low, np.maximum(1.0, np.abs(end)))
+        ends = zip(settings.low.tolist(), settings.high.tolist(), settings.rate.tolist(), strict=True)
+        ranges = np.stack([low, high, OUTSIDE * width], axis=1).tolist()
+        outputs = np.stack([settings.resume_rate, *settings.reach], axis=1).tolist()
+        inputs = [GuardedInput(a, b, c, settings.tolerance * (b - a), min(max(0.0, a), b)) for a, b, c in ends]
+        self.memory = GuardMemory(
+            core=[GuardRecord(bool(settings.act), settings.slow_share, settings.recent)],
+            failsafe=[Failsafe(*settings.ladder)],
+            governor=[ReferenceGovernor()],
+            kinds=[Evidence() for _ in REASONS],
+            inputs=inputs,
+            states=[StateRange(*item) for item in ranges],
+            outputs=[GovernedOutput(*item) for item in outputs],
+            sent=[item.middle for item in inputs] * guarding.REMEMBERED,
+            replaced=[-math.inf] + [math.inf] * (guarding.REMEMBERED - 1),
+        )
 
     def go_on(self, other: Guard) -> None:
         """Go on where another guard of the loop is, which this one replaces."""
-        self.failsafe.go_on(other.failsafe)
-        self.governor, self._recent, self._row = other.governor, other._recent, other._row
-        self._replaced = other._replaced
-        self._missed, self._asked = other._missed, other._asked
-        self._share, self._tried = other._share, other._tried
+        own, old = self.memory, other.memory
+        core, failsafe = old.core[0], old.failsafe[0]
+        own.core[0].share, own.core[0].tried, own.core[0].row = core.share, core.tried, core.row
+        own.failsafe[0].level, own.failsafe[0].cause = failsafe.level, failsafe.cause
+        own.governor[0].free = old.governor[0].free
+        for output, before in zip(own.outputs, old.outputs, strict=True):
+            output.reference = before.reference
+        for item, last in zip(own.inputs, old.inputs, strict=True):
+            item.missed, item.asked = last.missed, last.asked
+        self.memory = own._replace(kinds=old.kinds, sent=old.sent, replaced=old.replaced)
 
     def judge(self, doubt: float, without: float, applied: Array, state: Array, elapsed: float) -> LoopState:
         """The level from an estimate. doubt, without: of the estimator, NaN where it says nothing. applied (m,): inputs
         that acted, NaN where that is not known. state (n,). elapsed: since the last estimate [s].
         """
-        settings, evidence = self.settings, self.evidence
-        evidence[ESTIMATE] = doubt
-        evidence[ACTUATOR] = self._actuators(applied, elapsed)
-        beyond = np.maximum(settings.state_low - state, state - settings.state_high) / self._outside
-        evidence[RANGE] = float(beyond.max(initial=0.0, where=beyond == beyond))
-        level = self.failsafe.judge(evidence, min(elapsed, LONGEST))
-        if without > 0.0 and level < LoopState.SLOWED:
-            level = LoopState.SLOWED
-        level = level if settings.act else LoopState.DRIVING
-        slow = settings.slow_share
-        self._share = slow if level else min(self._share + (1.0 - slow) * elapsed / RETURN, 1.0)
-        doubted = settings.act and self.failsafe.suspects(ACTUATOR, LoopState.HOLDING)
-        self._tried = TRIAL if doubted else min(self._tried + (1.0 - TRIAL) * elapsed / RETURN, 1.0)
-        return level
+        return LoopState(guarding.judge(self.memory, doubt, without, applied.tolist(), state.tolist(), elapsed))
 
-    def within_reach(self, outputs: Array) -> Array:
-        """Where a reference begins when the loop comes back: the outputs (p,), or the nearest set-points. A rig that is
-        beyond all of these has been driven there, and is brought back as fast as it may.
-        """
-        low, high = self.settings.reach
-        return np.fmin(np.fmax(outputs, low), high)
+    def lead_from(self, outputs: Array) -> None:
+        """Lead the reference on from here (p,)."""
+        lead_from(self.memory.governor[0], self.memory.outputs, outputs.tolist())
 
-    def _actuators(self, applied: Array, elapsed: float) -> float:
-        """Evidence that actuators don't do what was commanded."""
-        tolerance, share = self.settings.tolerance * self._span, min(elapsed / AVERAGE, 1.0)
-        self._replaced += elapsed
-        recent = self._recent[self._replaced <= self.settings.recent]
-        asked = recent.mean(axis=0) - self._middle
-        away = np.abs(applied - np.clip(applied, recent.min(axis=0), recent.max(axis=0)))
-        known = away == away
-        self._missed += share * (np.where(known, away, 0.0) ** 2 - self._missed)
-        self._asked += share * (np.where(known, asked, 0.0) ** 2 - self._asked)
-        enough = (self._asked > (SMALL * tolerance) ** 2) & (away > UNLIKE * np.abs(asked))
-        unlike = self._missed / np.where(enough, UNLIKE**2 * self._asked, np.inf)
-        return float(max((away / tolerance).max(initial=0.0, where=known), min(unlike.max(), CLEAREST)))
+    def come_back(self, outputs: Array) -> None:
+        """See :func:`.governor.come_back`."""
+        come_back(self.memory.governor[0], self.memory.outputs, outputs.tolist())
 
     def rest_of(self, controller: Controller, state: Array, rest: Array) -> Array:
         """Inputs (m,) while the loop rests: ``rest``, or those of the stabiliser below the controller for a state (n,),
         without which an unstable rig diverges.
         """
-        if isinstance(controller, Cascade) and self.trusts_actuators and np.isfinite(state).all():
-            return self._on_trial(controller.held(state))
-        return rest
+        if not isinstance(controller, Cascade) or not np.isfinite(state).all() or not self.trusts_actuators:
+            return rest
+        inputs = controller.held(state).tolist()
+        guarding.put_on_trial(self.memory, inputs)
+        return np.array(inputs)
 
     @property
     def trusts_actuators(self) -> bool:
         """Whether a stabiliser may act while the loop rests: one whose inputs are not obeyed drives the rig away."""
-        return not self.failsafe.suspects(ACTUATOR, LoopState.RESTING)
+        return not guarding.doubts_actuators(self.memory, self.settings.ladder.resting)
+
+    @property
+    def level(self) -> LoopState:
+        """What the evidence asks for, whether the guard acts or not."""
+        return LoopState(self.memory.failsafe[0].level)
+
+    @property
+    def evidence(self) -> dict[str, float]:
+        """Evidence of each kind, as a multiple of its threshold."""
+        return {name: item.value for name, item in zip(REASONS, self.memory.kinds, strict=True)}
+
+    @property
+    def suspicion(self) -> float:
+        """The largest of all [s]."""
+        return max(item.seconds for item in self.memory.kinds)
 
     @property
     def reason(self) -> str:
         """Why the level is what it is, in words."""
-        if self.failsafe.reason:
-            return REASONS[self.failsafe.reason]
-        return "a sensor is missing or left out"
+        cause = self.memory.failsafe[0].cause
+        return "a sensor is missing or left out" if cause == NOTHING else [*REASONS.values()][cause]
+
+    @property
+    def is_free(self) -> bool:
+        """Whether references pass as they are."""
+        return self.memory.governor[0].free
 
     def reference(self, level: LoopState, now: Array, preview: Array, times: Array, elapsed: float) -> Array:
-        """The preview (points, p) that the controller gets; see :meth:`.governor.ReferenceGovernor.follow`."""
-        rate, slow = self.settings.resume_rate, level is not LoopState.DRIVING
-        if slow and self.governor.free:
-            self.governor.begin(now)
-        if self.governor.free:
+        """The preview (points, p) that the controller gets, for one at ``times`` (points,) [s] from now on. now (p,):
+        the reference at this moment.
+        """
+        if level is LoopState.DRIVING and self.is_free:
             return preview
-        share = 0.0 if level >= LoopState.HOLDING else self.settings.slow_share if slow else 1.0
-        return self.governor.follow(now, preview, times, share * rate, elapsed, keep=slow)
+        found = preview.ravel().tolist()
+        guarding.govern(self.memory, level, now.tolist(), found, times.tolist(), elapsed)
+        return np.array(found).reshape(preview.shape)
 
     @property
     def slows(self) -> bool:
         """Whether inputs must stay near rest, now or still."""
-        return self._share < 1.0 or self._tried < 1.0
+        return self.memory.core[0].share < 1.0 or self.memory.core[0].tried < 1.0
 
     def slowed(self, inputs: Array, rest: Array) -> Array:
         """A command (m,) that stays as near to the inputs at rest (m,) as it must."""
-        room = 0.5 * self._share * self._span
-        return self._on_trial(np.clip(inputs, rest - room, rest + room))
-
-    def _on_trial(self, inputs: Array) -> Array:
-        """Inputs (m,) within their bounds, and as small as they must be where an actuator is on trial."""
-        room = 0.5 * self._tried * self._span if self._tried < 1.0 else self._span
-        return np.clip(np.clip(inputs, self._middle - room, self._middle + room), self.settings.low, self.settings.high)
+        found = inputs.tolist()
+        guarding.slow(self.memory, found, rest.tolist())
+        return np.array(found)
 
     def followed(self, inputs: Array, before: Array, elapsed: float) -> Array:
         """What the actuators can follow of a command (m,), ``elapsed`` [s] after another one (m,)."""
-        if not self._limited:
-            return inputs
-        reach = self.settings.rate * max(elapsed, 0.0)
-        return np.clip(inputs, before - reach, before + reach)
+        found = inputs.tolist()
+        guarding.limit_rates(self.memory, found, before.tolist(), elapsed)
+        return np.array(found)
 
     def commanded(self, inputs: Array) -> None:
         """Remember a command (m,) that was sent."""
-        self._replaced[self._row] = 0.0
-        self._row = (self._row + 1) % REMEMBERED
-        self._recent[self._row], self._replaced[self._row] = inputs, -math.inf
+        guarding.remember(self.memory, inputs.tolist())

@@ -48,7 +48,7 @@ class GuardedController:
             if self._returning:
                 self._returning = False
                 self.controller.reset()
-                guard.governor.begin(guard.within_reach(estimator.expected(estimate, applied)))
+                guard.come_back(estimator.expected(estimate, applied))
             preview = guard.reference(level, now, preview, self.times, elapsed)
             plan = self.controller.control(state, estimate.disturbance, self.input, preview)
             self.controller.prepare(elapsed)

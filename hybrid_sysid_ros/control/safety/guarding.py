@@ -1,0 +1,199 @@
+"""Guarding: the kernels of a guard, over its memory. They are Python, and are printed as C."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from hybrid_sysid_ros.control.safety.failsafe import AGAIN, Evidence, Failsafe, judge_evidence
+from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
+from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
+
+ESTIMATE, ACTUATOR, RANGE = 0, 1, 2
+"""Indices of the kinds of evidence."""
+RECENT = 0.05
+"""Time [s], beside its delay, for which an actuator may still be carrying out a command."""
+REMEMBERED = 64
+"""Commands: at 1 kHz those of RECENT and a little more."""
+UNLIKE = 0.5
+"""Share of what an actuator was commanded, as a root mean square, by which it may miss that."""
+SMALL = 0.1
+"""Share of the tolerance below which commands are too small to tell what an actuator makes of them."""
+AVERAGE = 0.1
+"""Time constant [s] of the mean squares of commands and of what they are missed by."""
+RETURN = 0.3
+"""Time [s] in which inputs get their whole range back: a sensor with the wrong sign looks right while a rig rests, and
+must show itself again before much has moved."""
+TRIAL = 0.025
+"""Share of half their range that inputs have, a stabiliser's among them, when an actuator in doubt is tried again: just
+enough to show what it makes of them. A flipped or disconnected one looks right at rest."""
+
+
+@dataclass(slots=True)
+class GuardRecord:
+    """A guard's own numbers. act, slow_share, recent: see :class:`~.guard.GuardSettings`. share: of half their range
+    that inputs have. tried: the same where an actuator is in doubt. row: of the newest command. level: that it allows.
+    """
+
+    act: bool
+    slow_share: float
+    recent: float
+    share: float = 1.0
+    tried: float = 1.0
+    row: int = 0
+    level: int = 0
+
+
+@dataclass(slots=True)
+class GuardedInput:
+    """An input: its bounds, its fastest change [input unit/s], how far it may be from its commands, and what it is at
+    rest. missed, asked: mean squares of what it was off its commands, and of these.
+    """
+
+    low: float
+    high: float
+    rate: float
+    tolerance: float
+    middle: float
+    missed: float = 0.0
+    asked: float = 0.0
+
+
+@dataclass(slots=True)
+class StateRange:
+    """The range of a state; outside: by how much it must be beyond that for evidence of 1."""
+
+    low: float
+    high: float
+    outside: float
+
+
+class GuardMemory(NamedTuple):
+    """The memory of a guard of n states, m inputs, p outputs. core, failsafe, governor: one record each."""
+
+    core: Sequence[GuardRecord]
+    failsafe: Sequence[Failsafe]
+    governor: Sequence[ReferenceGovernor]
+    kinds: Sequence[Evidence]
+    inputs: Sequence[GuardedInput]
+    states: Sequence[StateRange]
+    outputs: Sequence[GovernedOutput]
+    sent: list[float]
+    """(REMEMBERED m,): the newest commands, in a ring."""
+    replaced: list[float]
+    """(REMEMBERED,): how long ago each was replaced [s]; the newest one never was."""
+
+
+def judge(
+    guard: GuardMemory, doubt: float, without: float, applied: Sequence[float], state: Sequence[float], elapsed: float
+) -> int:
+    """The level that an estimate allows; see :meth:`.guard.Guard.judge`."""
+    core, failsafe, kinds = guard.core[0], guard.failsafe[0], guard.kinds
+    kinds[ESTIMATE].value = doubt
+    kinds[ACTUATOR].value = _doubt_of_actuators(guard, applied, elapsed)
+    kinds[RANGE].value = _beyond(guard, state)
+    level = judge_evidence(failsafe, kinds, min(elapsed, LONGEST))
+    if without > 0.0 and level == 0:
+        level = 1
+    if not core.act:
+        level = 0
+    core.level = level
+    slow = core.slow_share
+    core.share = slow if level > 0 else min(core.share + (1.0 - slow) * elapsed / RETURN, 1.0)
+    core.tried = min(core.tried + (1.0 - TRIAL) * elapsed / RETURN, 1.0)
+    if core.act and doubts_actuators(guard, failsafe.holding):
+        core.tried = TRIAL
+    return level
+
+
+def doubts_actuators(guard: GuardMemory, after: float) -> bool:
+    """Whether actuators would be enough by themselves to stay at the level that is entered after a time [s]."""
+    return guard.kinds[ACTUATOR].seconds >= AGAIN * after
+
+
+def _beyond(guard: GuardMemory, state: Sequence[float]) -> float:
+    """Evidence that the state is outside of its range."""
+    states, most = guard.states, 0.0
+    for a in range(len(states)):
+        away = max(states[a].low - state[a], state[a] - states[a].high) / states[a].outside
+        if away > most:
+            most = away
+    return most
+
+
+def _doubt_of_actuators(guard: GuardMemory, applied: Sequence[float], elapsed: float) -> float:
+    """Evidence that actuators don't do what was commanded."""
+    core, inputs, sent, replaced = guard.core[0], guard.inputs, guard.sent, guard.replaced
+    share, m, count, most, unlike = min(elapsed / AVERAGE, 1.0), len(inputs), 0, 0.0, 0.0
+    for i in range(REMEMBERED):
+        at = (core.row + REMEMBERED - i) % REMEMBERED
+        replaced[at] += elapsed
+        if replaced[at] > core.recent:
+            break  # and so are all older ones
+        count += 1
+    for j in range(m):
+        total, low, high = 0.0, math.inf, -math.inf
+        for i in range(count):
+            u = sent[(core.row + REMEMBERED - i) % REMEMBERED * m + j]
+            total += u
+            low, high = min(low, u), max(high, u)
+        asked = total / count - inputs[j].middle
+        away = abs(applied[j] - min(max(applied[j], low), high))
+        if math.isnan(away):
+            away = asked = 0.0
+        tolerance = inputs[j].tolerance
+        inputs[j].missed += share * (away * away - inputs[j].missed)
+        inputs[j].asked += share * (asked * asked - inputs[j].asked)
+        most = max(most, away / tolerance)
+        if inputs[j].asked > (SMALL * tolerance) * (SMALL * tolerance) and away > UNLIKE * abs(asked):
+            unlike = max(unlike, inputs[j].missed / (UNLIKE * UNLIKE * inputs[j].asked))
+    return max(most, min(unlike, CLEAREST))
+
+
+def govern(
+    guard: GuardMemory, level: int, now: Sequence[float], preview: list[float], times: Sequence[float], elapsed: float
+) -> None:
+    """Let a preview (points p,), in place, move as a level allows; see :func:`.governor.follow_reference`."""
+    governor, outputs = guard.governor[0], guard.outputs
+    if level > 0 and governor.free:
+        lead_from(governor, outputs, now)
+    if not governor.free:
+        share = 0.0 if level >= 2 else guard.core[0].slow_share if level > 0 else 1.0
+        follow_reference(governor, outputs, now, preview, times, share, elapsed, level > 0)
+
+
+def slow(guard: GuardMemory, inputs: list[float], rest: Sequence[float]) -> None:
+    """Keep inputs (m,), in place, as near to those at rest (m,) as they must be."""
+    for j in range(len(guard.inputs)):
+        room = 0.5 * guard.core[0].share * (guard.inputs[j].high - guard.inputs[j].low)
+        inputs[j] = min(max(inputs[j], rest[j] - room), rest[j] + room)
+    put_on_trial(guard, inputs)
+
+
+def put_on_trial(guard: GuardMemory, inputs: list[float]) -> None:
+    """Keep inputs (m,), in place, within their bounds, and as small as they must be where an actuator is on trial."""
+    tried = guard.core[0].tried
+    for j in range(len(guard.inputs)):
+        low, high, middle = guard.inputs[j].low, guard.inputs[j].high, guard.inputs[j].middle
+        room = (0.5 * tried if tried < 1.0 else 1.0) * (high - low)
+        inputs[j] = min(max(min(max(inputs[j], middle - room), middle + room), low), high)
+
+
+def limit_rates(guard: GuardMemory, inputs: list[float], before: Sequence[float], elapsed: float) -> None:
+    """Keep inputs (m,), in place, as near to those before (m,) as the actuators can follow in a time [s]."""
+    for j in range(len(guard.inputs)):
+        if guard.inputs[j].rate < math.inf:
+            reach = guard.inputs[j].rate * max(elapsed, 0.0)
+            inputs[j] = min(max(inputs[j], before[j] - reach), before[j] + reach)
+
+
+def remember(guard: GuardMemory, inputs: Sequence[float]) -> None:
+    """Remember a command (m,) that was sent."""
+    core, m = guard.core[0], len(guard.inputs)
+    guard.replaced[core.row] = 0.0
+    core.row = (core.row + 1) % REMEMBERED
+    guard.replaced[core.row] = -math.inf
+    for j in range(m):
+        guard.sent[core.row * m + j] = inputs[j]
