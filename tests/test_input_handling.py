@@ -9,6 +9,7 @@ import pytest
 from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.identification import identify
+from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import load
 from tests.linear_bench import record_of
@@ -47,3 +48,23 @@ def test_the_training_error_says_whether_a_smooth_input_was_held(handling):
     tried = model.fit["inputs_tried"]
     assert min(tried, key=tried.get) == handling
     assert f"training errors: averaged {100 * tried['averaged']:.3g} %" in model.inputs_sentence
+
+
+def test_a_record_of_means_leaves_open_whether_its_input_was_held():
+    """Standard errors hold the truth where a smooth input went on moving between samples that are its means."""
+    fine = np.arange(SAMPLES * FINE) * PERIOD / FINE
+    waves = [20.0 * np.sin(2 * np.pi * f * fine + f * f) for f in (0.5, 2.0, 5.0, 7.0)]
+    moving = np.sum(waves, axis=0)
+    means = moving.reshape(-1, FINE).mean(axis=1)
+    speed = simulate(Lag(), np.zeros(1), moving[:, None], step=PERIOD / FINE)[::FINE]
+    record = record_of(means[:, None], speed[:SAMPLES], PERIOD)
+    step = PERIOD / 5
+    bends = resample(record, Sampling(step=step, period=PERIOD, input="averaged")).bends
+    assert bends is not None
+    assert np.mean(bends.reshape(-1, 5), axis=1) == pytest.approx(0.0, abs=1e-12)
+    about = np.repeat(means[:-1], 5) + bends[:, 0] - moving[:-FINE].reshape(-1, 4).mean(axis=1)
+    assert float(np.std(about[50:-50])) < 0.1 * np.std(bends)
+    rig = replace(load("wheel_motor"), system=Lag(), structures={})
+    model = identify([record], rig, "gray", sampling=Sampling(step=step, period=PERIOD, input="averaged"))
+    for name, error in model.standard_errors.items():
+        assert abs(model.system.named[name] - Lag().named[name]) < 1.645 * error, name

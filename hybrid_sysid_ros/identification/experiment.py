@@ -54,6 +54,8 @@ class ResampledRecord:
     rate_noise: Array
     """Standard deviations of the rates at the first sample, (outputs,)."""
 
+    bends: Array | None = None
+    """What lines through the inputs' samples of the same means would add, (steps, inputs); None where samples hold."""
     lag: Array | None = None
     """Age of the outputs' readings [s], (outputs,)."""
     windows: Array | None = None
@@ -82,6 +84,7 @@ class ResampledRecord:
             alias=self.alias,
             lag=self.lag,
             windows=self.windows,
+            bends=self.bends,
             deviations=deviations,
         )
 
@@ -105,7 +108,7 @@ def resample(record: Record, sampling: Sampling) -> ResampledRecord:
         raise UserError(
             f"{record.name}: {record.time[-1]:.2f} s are too short: at least {9 * sampling.period:.2f} s are needed"
         )
-    used, handling = (samples - 1) * every, sampling.input
+    used, handling, bends = (samples - 1) * every, sampling.input, None
     if handling == "auto":
         handling = handling_of([record], sampling)
     between = np.concatenate([record.input[1 : used + 1], record.input[-1:]])[:used]
@@ -122,6 +125,7 @@ def resample(record: Record, sampling: Sampling) -> ResampledRecord:
     else:
         times = _ratio(period, sampling.step, record.name, sampled, "the integration step")
         inputs = np.repeat(record.input[:used], times, axis=0)
+        bends = _bends(record.input[: used + 1], times) if handling == "averaged" else None
     means = inputs.reshape(samples - 1, sampling.every, -1).mean(axis=1)
     found, noise = rates(record, sampling.period), noise_of(record, sampling.period)
     return ResampledRecord(
@@ -132,6 +136,7 @@ def resample(record: Record, sampling: Sampling) -> ResampledRecord:
         rates=found[::every][:samples],
         means=np.concatenate([means, means[-1:]]),
         measured=None if record.measured is None else record.measured[::every][:samples],
+        bends=bends,
         alias=_alias(record.output[: used + 1], every),
         noise=noise,
         rate_noise=_rate_noise(record, sampling.period, found, noise),
@@ -154,6 +159,18 @@ def _band_limited(values: Array) -> bool:
         return False
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     return bool(np.sum(power[round(HIGH * len(power)) :]) < POWER * np.sum(power) and kurtosis(changes) < JUMPS)
+
+
+def _bends(inputs: Array, times: int) -> Array | None:
+    """What lines of the same means would add in ``times`` steps of each sample, (steps, inputs), where inputs (samples,
+    inputs) are band-limited: a record of means does not say whether such an input was held.
+    """
+    smooth = np.array([_band_limited(column) for column in inputs.T])
+    if times == 1 or not smooth.any():
+        return None
+    places = (np.arange(times) + 0.5) / times - 0.5
+    slopes = np.where(smooth, np.gradient(inputs, axis=0)[:-1], 0.0)
+    return np.asarray((slopes[:, None] * places[:, None]).reshape(-1, inputs.shape[1]))
 
 
 def _check_channels(name: str, inputs: Array, outputs: Array, system: System) -> None:

@@ -1,4 +1,4 @@
-"""Known errors of a fit: what step, sensors and hum do to its residuals, known up to their sign."""
+"""Known errors of a fit: what step, inputs, sensors and hum do to its residuals, known up to their sign."""
 
 from __future__ import annotations
 
@@ -15,20 +15,27 @@ from hybrid_sysid_ros.support.arrays import Array
 
 def known_errors(problem: FitProblem, point: Array) -> Array:
     """Errors of the residual rows of whole records, (errors, rows): first that of the integration step, by half the
-    step, since the method is of first order; that of readings that are means over a sensor's window; and for each
-    record that of a hum that the samples alias.
+    step, since the method is of first order; that of inputs which may have moved within a sample; that of readings that
+    are means over a sensor's window; and for each record that of a hum that the samples alias.
     """
     starts, states, outputs, edges = problem.windows(None)
     weight, rest = problem.weight(outputs), np.zeros(len(problem.priors(point)))
     system, initial = problem.initialised(point, starts, states, edges)
     found, sampling = [np.zeros_like(outputs)], problem.sampling
+    _, coarse = problem.simulated(system, starts, initial)
     if system.sampling_time is None and not system.stepper.is_map:
-        _, coarse = problem.simulated(system, starts, initial)
         halves = np.repeat(problem.inputs, 2, axis=0)
         given: dict[str, Any] = {"step": 0.5 * sampling.step, "every": 2 * sampling.every}
         _, fine = rollouts(system, starts * np.array([2, 2, 1, 1]), initial, halves, **given)
         with np.errstate(over="ignore", invalid="ignore"):
             found[0] = 2.0 * (fine - coarse)
+    if any(item.bends is not None for item in problem.experiments):
+        moved = np.concatenate(
+            [item.inputs if item.bends is None else item.inputs + item.bends for item in problem.experiments]
+        )
+        _, run = rollouts(system, starts, initial, moved, step=sampling.step, every=sampling.every)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found.append(run - coarse)
     unknown = _unknown(problem)
     windows = [item.windows * unknown for item in problem.experiments if item.windows is not None]
     if windows and np.any(windows[0]):

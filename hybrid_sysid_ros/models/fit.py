@@ -43,6 +43,8 @@ class PreparedRecord:
     """Age of the readings of each output [s], (outputs,), by its sensor's delay and window, which no model knows."""
     windows: Array | None = None
     """Windows over which they are means [s], (outputs,)."""
+    bends: Array | None = None
+    """What lines through the inputs' samples of the same means would add, (steps, inputs); None where samples hold."""
     deviations: Array | None = None
     """How well the record shows each state at its first sample, as standard deviations (states,), 1 for states that it
     does not show; None where the states that it shows are exact.
