@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -51,6 +53,10 @@ TOOLS = {
     "qemu-system-arm": "apt install qemu-system-arm",
 }
 """What builds and runs a folder, and how it comes."""
+TETHERED = """exec 3<&0
+(read -r gone <&3; kill -KILL 0) >/dev/null 2>&1 &
+exec make --silent "$1" </dev/null 3<&-"""
+"""A shell's: kill all processes of the session, the emulator too, when the standard input ends."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,15 +173,34 @@ def run(folder: Path, done: UnitExport) -> BoardRun:
 
 def make(folder: Path, goal: str) -> str:
     """What the Makefile of a folder says of a goal. Raises UserError where it fails."""
-    command = ["make", "--silent", goal]
     try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, timeout=TIME_LIMIT, stdin=subprocess.DEVNULL,
-            check=False,
-        )  # fmt: skip
+        with tethered_make(folder, goal, stderr=subprocess.PIPE) as process:
+            said, complaints = process.communicate(timeout=TIME_LIMIT)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise UserError(f"{folder}: make {goal} can't be run: {error}") from error
-    if done.returncode and " periods wrong" not in done.stdout:
-        lines = [line for line in done.stderr.splitlines() if "error" in line.lower()] or ["it says nothing"]
-        raise UserError(f"{folder}: make {goal} fails: {lines[0].strip()}")
-    return done.stdout
+    if process.returncode and " periods wrong" not in said:
+        lines = complaints.splitlines()
+        found = [line for line in lines if "error" in line.lower()] or lines[-1:] or ["it says nothing"]
+        raise UserError(f"{folder}: make {goal} fails: {found[0].strip()}")
+    return said
+
+
+@contextmanager
+def tethered_make(folder: Path, goal: str, *, stderr: int) -> Iterator[subprocess.Popen[str]]:
+    """A run of make whose processes end with the context, and with this process, in whichever way that ends."""
+    watched, held = os.pipe()
+    try:
+        with open(watched) as read:
+            process = subprocess.Popen(
+                ["sh", "-c", TETHERED, "sh", goal], cwd=folder, text=True, start_new_session=True, stdin=read,
+                stdout=subprocess.PIPE, stderr=stderr,
+            )  # fmt: skip
+        with process:
+            try:
+                yield process
+            finally:
+                os.close(held)
+                held = -1
+    finally:
+        if held >= 0:
+            os.close(held)
