@@ -1,11 +1,14 @@
 """How sure a fit is: the robust covariance against its double sum, and against repeated experiments."""
 
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from hybrid_sysid_ros.identification import fitting
 from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.identification.standard_errors import (
     LONGEST_LAG,
@@ -185,3 +188,26 @@ def test_blocks_apart_spread_as_their_own_means():
     levels = np.repeat([0.3, -0.1, 0.4, 0.1], 50)
     found = block_spread(np.ones((200, 1)), levels, np.array([0, 100, 200]))
     assert found[0] == pytest.approx(np.std([0.3, -0.1, 0.4, 0.1], ddof=1) / 2)
+
+
+def test_searches_from_both_sides_end_at_the_best_and_count_the_others():
+    """Of r = (x - 1 - j, x + 1 - j) with a jump j = .45 sign(x - .1) each side of the jump has an end at x = j."""
+    slope = np.full((2, 1), 1.0)
+
+    def residuals(x):
+        return x[0] - 0.45 * np.sign(x[0] - 0.1) + np.array([-1.0, 1.0])
+
+    problem: Any = SimpleNamespace(
+        system=SimpleNamespace(weights=()),
+        bounds=(np.array([-9.0]), np.array([9.0])),
+        residuals=lambda horizon: residuals,
+        jacobian=lambda horizon, run: lambda x: slope,
+        edges=lambda horizon: np.array([0, 2]),
+    )
+    limits = 1e-9, 40
+    for begin, end in ((-2.0, -0.45), (2.0, 0.45)):
+        solution = fitting._solve(problem, None, np.array([begin]), limits, map)
+        assert solution.x[0] == pytest.approx(end)
+        best, spread = fitting._searched_again(problem, None, solution, limits, map)
+        assert abs(best.x[0]) == pytest.approx(0.45)
+        assert np.sqrt(spread[0, 0]) == pytest.approx(0.9 / np.sqrt(2.0))

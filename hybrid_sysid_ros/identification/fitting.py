@@ -77,6 +77,9 @@ REWEIGHTED, WORTHWHILE, MOST_CONFIDENCE = 3, 1.3, 1e3
 factor of that, and the largest in all.
 """
 
+APART = 2.0
+"""Standard errors from a solution at which searches begin again, on both sides."""
+
 MANY = 100
 """Number of weights, which all have priors, above which the optimiser gets a condensed problem."""
 
@@ -94,6 +97,7 @@ def fit(
     tolerance: float | None = None,
     iterations: int = ITERATIONS,
     unstable: UnstableFitSettings | None = None,
+    again: bool = False,
     progress: FitProgress | None = None,
 ) -> Fit:
     """Fit the free parameters and weights of a system to several experiments at once.
@@ -103,8 +107,9 @@ def fit(
     :class:`~hybrid_sysid_ros.identification.problem.FitProblem`. starts: number of initial points of the first stage,
     all but the first random by ``seed``; the best one continues. tolerance, iterations: limits of each stage, by
     default FINE in the last one of a physical structure, COARSE elsewhere, and ITERATIONS. unstable: settings of an
-    unstable rig, which replace the stages, see :class:`~.shooting.MultipleShootingProblem`. The method is trust-region
-    least squares with bounds; the Jacobian is exact and simulated in parallel threads.
+    unstable rig, which replace the stages, see :class:`~.shooting.MultipleShootingProblem`. again: search again from
+    both sides of the solution of a system that sticks, see :func:`_searched_again`. The method is trust-region least
+    squares with bounds; the Jacobian is exact and simulated in parallel threads.
 
     Raises UserError for records without excitation or beyond the system's range, and where every simulation
     diverges.
@@ -136,11 +141,15 @@ def fit(
                 progress(stage, problem.evaluations, problem.relative_error(solution.fun))
         if not len(system.weights) and unstable is None and np.isfinite(problem.spreads).any():
             solution = _reweighted(problem, stages[-1], solution, (tolerance or FINE, iterations), pool.map)
+        spread = np.zeros((len(solution.x), len(solution.x)))
+        if again and system.contacts and unstable is None:
+            limits = tolerance or FINE, iterations
+            solution, spread = _searched_again(problem, stages[-1], solution, limits, pool.map)
     relative = problem.relative_error(solution.fun)
     if not np.isfinite(relative) or relative > 1e3:
         raise UserError("identification: every simulation diverges; start from a simpler structure or a smaller step")
     seconds, evaluations = time.perf_counter() - began, problem.evaluations
-    return _with_errors(problem, stages[-1], solution, anchor, seconds=seconds, evaluations=evaluations)
+    return _with_errors(problem, stages[-1], solution, spread, anchor, seconds=seconds, evaluations=evaluations)
 
 
 def _reweighted(problem: FitProblem, horizon: int | None, solution: Any, limits: tuple[float, int], run: Map) -> Any:
@@ -154,10 +163,37 @@ def _reweighted(problem: FitProblem, horizon: int | None, solution: Any, limits:
     return solution
 
 
+def _searched_again(
+    problem: FitProblem, horizon: int | None, solution: Any, limits: tuple[float, int], run: Map
+) -> tuple[Any, Array]:
+    """The best of a solution and of searches from both its sides, and the mean square of where the others end (n, n).
+
+    Where a system sticks the cost has corners, in which a search ends early: no curvature there says how far other ends
+    are. Ends count whose cost is higher by less than errors of the estimate make it on average, tr(H C) / 2.
+    """
+    edges = problem.edges(horizon)
+    _, robust = covariances(solution.jac, solution.fun, edges)
+    values, vectors = np.linalg.eigh(robust)
+    draw = vectors @ (np.sqrt(np.maximum(values, 0.0)) * np.random.default_rng(0).choice([-1.0, 1.0], len(values)))
+    draw *= APART / np.sqrt(len(values))
+    ends = [solution, *(_solve(problem, horizon, solution.x + side * draw, limits, run) for side in (-1.0, 1.0))]
+    best = min(ends, key=lambda item: float(item.cost))
+    alike = 0.5 * float(np.sum((best.jac.T @ best.jac) * robust))
+    moves = np.array([item.x - best.x for item in ends if item is not best and item.cost - best.cost < alike])
+    return best, moves.T @ moves / max(len(moves), 1) if len(moves) else np.zeros_like(robust)
+
+
 def _with_errors(
-    problem: FitProblem, horizon: int | None, solution: Any, anchor: Fit | None, *, seconds: float, evaluations: int
+    problem: FitProblem,
+    horizon: int | None,
+    solution: Any,
+    spread: Array,
+    anchor: Fit | None,
+    *,
+    seconds: float,
+    evaluations: int,
 ) -> Fit:
-    """The fit of a solution, with its standard errors."""
+    """The fit of a solution, with its standard errors; spread: covariance of the ends of other searches."""
     free_runs = not isinstance(problem, MultipleShootingProblem)
     units, edges = np.outer(problem.scales, problem.scales), problem.edges(horizon)
     jacobian = solution.jac
@@ -166,6 +202,7 @@ def _with_errors(
     priors = problem.prior_covariance(None if anchor is None else anchor.covariance)
     shifts = known_errors(problem, solution.x) if free_runs and horizon is None else None
     inverse, robust = covariances(jacobian, solution.fun, edges, priors=priors, shifts=shifts)
+    robust += spread
     shared, lag = slice(problem.shared), lag_of_sensors(problem)
     robust[shared, shared] += np.outer(lag, lag)
     data = jacobian[: edges[-1]]

@@ -140,23 +140,28 @@ def _by_training(
 
 
 def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
-    """The fit at a finer step where its step moves a parameter too far, and the context with that step."""
+    """The fit at a finer step where its step moves a parameter too far, and the context with that step; one of a system
+    that sticks is searched again from both sides.
+    """
     variances = np.diag(fitted.covariance)[: len(fitted.step_error)]
     rest = np.sqrt(np.maximum(variances - fitted.step_error**2, 1e-300))
-    if not np.any(np.abs(fitted.step_error) > REFINED * rest) or context.unstable is not None:
+    if context.unstable is not None:
         return context, fitted
     held = [item.name for item in fitted.system.parameters if not item.fixed and item.name not in fitted.names]
-    for parts in FINER:
+    refined = context
+    for parts in FINER if np.any(np.abs(fitted.step_error) > REFINED * rest) else ():
         try:
             sampling = replace(context.sampling, step=context.sampling.step / parts)
             resampled = [checked(record, context.rig, sampling) for record in context.records]
         except UserError:  # the step must fit the records' sampling
             continue
-        finer = replace(context, sampling=sampling, resampled=resampled)
-        found = finer.fit_physics([fitted.system], stages=(None,), hold=held, starts=1)
-        seconds, evaluations = fitted.seconds + found.seconds, fitted.evaluations + found.evaluations
-        return finer, replace(found, seconds=seconds, evaluations=evaluations)
-    return context, fitted
+        refined = replace(context, sampling=sampling, resampled=resampled)
+        break
+    if refined is context and not fitted.system.contacts:
+        return context, fitted
+    found = refined.fit_physics([fitted.system], stages=(None,), hold=held, starts=1, again=True)
+    seconds, evaluations = fitted.seconds + found.seconds, fitted.evaluations + found.evaluations
+    return refined, replace(found, seconds=seconds, evaluations=evaluations)
 
 
 def notes_of(model: Model, records: Sequence[Record], rig: Rig) -> dict[str, Any]:
