@@ -41,7 +41,7 @@ def _magnitude(x: Scalar, over: float) -> Scalar:
     if not (over and _ROUNDED.get()):
         return casadi.fabs(x)
     squared = (x * (1.0 / over)) ** 2
-    return casadi.if_else(squared < 1.0, 0.125 * over * (3.0 + squared * (6.0 - squared)), casadi.fabs(x))
+    return casadi.if_else(squared < 1.0, over * (1.5 - 0.125 * (3.0 - squared) ** 2), casadi.fabs(x))
 
 
 def sided(x: Scalar, above: Scalar, below: Scalar, *, over: float = 0.0) -> Scalar:
@@ -57,6 +57,11 @@ def select(condition: Scalar, if_true: Scalar, if_false: Scalar) -> Scalar:
 def clip(x: Scalar, low: Scalar, high: Scalar, *, over: float = 0.0) -> Scalar:
     """The value limited to low and high; over: width of the corners where they are rounded [unit of x]."""
     if over and _ROUNDED.get():
+        if isinstance(low, float) and isinstance(high, float) and high - low >= 2.0 * over:  # the nearer corner is all
+            upper = x > 0.5 * (low + high)
+            near = casadi.if_else(upper, high, low)
+            corner = _magnitude(x - near, over)
+            return 0.5 * (x + near + casadi.if_else(upper, -corner, corner))
         return 0.5 * (low + high + _magnitude(x - low, over) - _magnitude(x - high, over))
     return casadi.fmin(casadi.fmax(x, low), high)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi
 
@@ -32,6 +32,12 @@ _FUNCTIONS = (
     "exp", "log", "log1p", "expm1", "sqrt", "erf", "floor", "ceil", "sin", "cos", "tan", "asin", "acos", "atan", "sinh",
     "cosh", "tanh", "asinh", "acosh", "atanh",
 )  # fmt: skip
+_COMPARISONS = {
+    casadi.OP_LT: "{0} < {1}",
+    casadi.OP_LE: "{0} <= {1}",
+    casadi.OP_EQ: "{0} == {1}",
+    casadi.OP_NE: "{0} != {1}",
+}
 _OPERATIONS = {
     **{getattr(casadi, f"OP_{name.upper()}"): f"math.{name}({{0}})" for name in _FUNCTIONS},
     **{
@@ -53,10 +59,7 @@ _OPERATIONS = {
     casadi.OP_SIGN: "select({0} > 0.0, 1.0, select({0} < 0.0, -1.0, 0.0))",
     casadi.OP_FMIN: "select({0} < {1}, {0}, {1})",
     casadi.OP_FMAX: "select({0} > {1}, {0}, {1})",
-    casadi.OP_LT: "select({0} < {1}, 1.0, 0.0)",
-    casadi.OP_LE: "select({0} <= {1}, 1.0, 0.0)",
-    casadi.OP_EQ: "select({0} == {1}, 1.0, 0.0)",
-    casadi.OP_NE: "select({0} != {1}, 1.0, 0.0)",
+    **{operation: f"select({text}, 1.0, 0.0)" for operation, text in _COMPARISONS.items()},
     casadi.OP_NOT: "select({0} == 0.0, 1.0, 0.0)",
     casadi.OP_AND: "select({0} != 0.0, select({1} != 0.0, 1.0, 0.0), 0.0)",
     casadi.OP_OR: "select({0} != 0.0, 1.0, select({1} != 0.0, 1.0, 0.0))",
@@ -129,60 +132,75 @@ def _kinds(calls: Sequence[BlockCall]) -> list[str]:
     return list(dict.fromkeys(call.block.code for call in calls))
 
 
-Known = list[tuple[str, casadi.SX]]
-"""Names and expressions that printed lines may read."""
+@dataclass(frozen=True)
+class _Part:
+    """A part of a printed function: dense vectors "name" or the non-zeros of matrices "name:width", and the lines
+    behind their assignments.
+    """
+
+    target: str
+    expression: casadi.SX
+    after: tuple[str, ...] = ()
+
+    def places(self) -> list[str]:
+        """What the non-zeros are assigned to."""
+        rows, columns = self.expression.sparsity().get_triplet()
+        name, _, width = self.target.partition(":")
+        return [f"{name}[{row * int(width or 1) + column}]" for row, column in zip(rows, columns, strict=True)]
+
+    def end(self) -> Iterator[_Line]:
+        """Assignments of what is zero in a vector, and the lines behind."""
+        if ":" not in self.target:
+            for row in sorted({*range(self.expression.numel())} - {*self.expression.sparsity().row()}):
+                yield _Line("", f"{self.target}[{row}] = 0.0")
+        yield from (_Line("", line) for line in self.after)
 
 
 def _body(traced: Trace, columns: JacobianColumns | None) -> Iterator[str]:
     calls, kinds = traced.calls, _kinds(traced.calls)
-    names = (f"a{number}" for number in itertools.count())
-    known: Known = [
-        ("x", traced.x),
-        ("u", traced.u),
-        ("p", traced.p),
-        ("h", traced.h),
-        ("s", traced.s),
-    ]
+    known = [("x", traced.x), ("u", traced.u), ("p", traced.p), ("h", traced.h), ("s", traced.s)]
+    parts: list[_Part] = []
     for number, call in enumerate(calls):
-        block = call.block
-        yield f"z{number}, y{number} = scratch({block.features}), scratch({block.outputs})"
-        yield from _assigned(known, {f"z{number}": call.features}, names)
+        block, z, y, g = call.block, f"z{number}", f"y{number}", f"g{number}"
         which = kinds.index(block.code)
-        if columns is None:
-            yield f"value_{which}(w, {block.at}, z{number}, y{number})"
-        else:
-            yield f"g{number} = scratch({block.outputs * block.features})"
-            yield f"jacobian_{which}(w, {block.at}, z{number}, y{number}, g{number})"
-            known.append((f"g{number}", casadi.vec(call.jacobian.T)))  # along rows
-        known.append((f"y{number}", call.outputs))
-    if columns is None:
-        yield from _assigned(known, {"out": traced.result}, names)
-        return
-    width = columns.count
-    seeds = [traced.x, traced.u]
-    if columns.parameters:
-        seeds.append(traced.p[list(columns.parameters)])
-    seed = casadi.vertcat(*seeds)
+        yield f"{z}, {y} = scratch({block.features}), scratch({block.outputs})"
+        known.append((y, call.outputs))
+        made = f"value_{which}(w, {block.at}, {z}, {y})"
+        if columns is not None:
+            yield f"{g} = scratch({block.outputs * block.features})"
+            known.append((g, casadi.vec(call.jacobian.T)))  # along rows
+            made = f"jacobian_{which}(w, {block.at}, {z}, {y}, {g})"
+        parts.append(_Part(z, call.features, (made,)))
+    parts.append(_Part("out", traced.result))
+    if columns is not None:
+        width = columns.count
+        yield f"for i in range({traced.result.numel() * width}):"
+        yield "    jacobian[i] = 0.0"
+        by_call = [casadi.jacobian(traced.result, call.outputs) for call in calls]
+        parts.append(_Part(f"jacobian:{width}", casadi.sparsify(_jacobian(traced, columns, by_call))))
+        if columns.weights:
+            yield from (f"f{number} = scratch({call.block.outputs})" for number, call in enumerate(calls))
+            parts += _by_weights(traced, columns, by_call)
+    yield from _assigned(known, parts)
+
+
+def _jacobian(traced: Trace, columns: JacobianColumns, by_call: Sequence[casadi.SX]) -> casadi.SX:
+    """Derivatives of the result by states, inputs and parameters, by the chain rule over the calls."""
+    seed = casadi.vertcat(traced.x, traced.u, traced.p[list(columns.parameters)])
     through: list[casadi.SX] = []  # derivatives of each call's outputs by the seed
-    for number, call in enumerate(calls):
+    for number, call in enumerate(traced.calls):
         total = casadi.jacobian(call.features, seed)
-        for before, slope in zip(calls[:number], through, strict=False):
+        for before, slope in zip(traced.calls[:number], through, strict=False):
             total += casadi.mtimes(casadi.jacobian(call.features, before.outputs), slope)
         through.append(casadi.mtimes(call.jacobian, total))
-    jacobian = casadi.jacobian(traced.result, seed)
-    by_call = [casadi.jacobian(traced.result, call.outputs) for call in calls]
+    either = (casadi.jacobian(traced.result, seed, {"helper_options": {"ad_weight": way}}) for way in (0.0, 1.0))
+    jacobian = min(either, key=casadi.n_nodes)  # forward or backward, whichever is shorter
     for direct, slope in zip(by_call, through, strict=True):
         jacobian += casadi.mtimes(direct, slope)
-    yield f"for i in range({traced.result.numel() * width}):"
-    yield "    jacobian[i] = 0.0"
-    yield from _assigned(known, {"out": traced.result, f"jacobian:{width}": casadi.sparsify(jacobian)}, names)
-    if columns.weights:
-        yield from _by_weights(traced, columns, known, by_call, names)
+    return jacobian
 
 
-def _by_weights(
-    traced: Trace, columns: JacobianColumns, known: Known, by_call: Sequence[casadi.SX], names: Iterator[str]
-) -> Iterator[str]:
+def _by_weights(traced: Trace, columns: JacobianColumns, by_call: Sequence[casadi.SX]) -> Iterator[_Part]:
     """Derivatives by the weights of each call, by the chain rule over the call's outputs."""
     calls, kinds = traced.calls, _kinds(traced.calls)
     total = list(by_call)
@@ -194,52 +212,105 @@ def _by_weights(
             total[number] = total[number] + casadi.mtimes(total[later], through)
     for number, call in enumerate(calls):
         factors = casadi.sparsify(total[number])
-        yield f"f{number} = scratch({call.block.outputs})"
         for row in range(traced.result.numel()):
             if factors[row, :].nnz():
-                yield from _assigned(known, {f"f{number}": casadi.densify(factors[row, :].T)}, names)
                 start = row * columns.count + columns.first_weight + call.block.at
-                yield (
+                made = (
                     f"weight_gradient_{kinds.index(call.block.code)}(w, {call.block.at}, z{number}, f{number}, "
                     f"jacobian, {start})"
                 )
+                yield _Part(f"f{number}", casadi.densify(factors[row, :].T), (made,))
 
 
-def _assigned(known: Known, targets: dict[str, casadi.SX], names: Iterator[str]) -> Iterator[str]:
-    """Lines that compute the targets: dense vectors "name", or the non-zeros of matrices "name:width"."""
-    outputs = list(targets.items())
-    expressions = casadi.cse([expression for _, expression in outputs])
+@dataclass
+class _Line:
+    """A printed line."""
+
+    name: str
+    """Of the value that it computes; empty where it writes a result."""
+    text: str
+    of: tuple[str, ...] = ()
+    """The values that it reads."""
+
+
+def _assigned(known: Sequence[tuple[str, casadi.SX]], parts: Sequence[_Part]) -> Iterator[str]:
+    """Lines that compute the parts one after the other, without computing anything twice. known: names and expressions
+    that they may read.
+    """
+    expressions = casadi.cse([part.expression for part in parts])
+    parts = [replace(part, expression=found) for part, found in zip(parts, expressions, strict=True)]
     function = casadi.Function("f", [symbol for _, symbol in known], expressions, {"allow_free": False})
-    scalars = {"h", "s"}
-    places: list[list[str]] = []
-    for (name, _), expression in zip(outputs, expressions, strict=True):
-        if ":" in name:
-            target, width = name.split(":")
-            rows, cols = expression.sparsity().get_triplet()
-            places.append([f"{target}[{row * int(width) + col}]" for row, col in zip(rows, cols, strict=True)])
-        else:
-            rows, _ = expression.sparsity().get_triplet()
-            places.append([f"{name}[{row}]" for row in rows])
-            for row in sorted(set(range(expression.numel())) - set(rows)):
-                yield f"{name}[{row}] = 0.0"
-    at: dict[int, str] = {}  # by CasADi's register; each value gets a name of its own, which compiles faster
+    scalars, places = {"h", "s"}, [part.places() for part in parts]
+    names, lines = (f"a{number}" for number in itertools.count()), list[_Line]()
+    at, choices = dict[int, str](), _Choices()  # by CasADi's register: each value gets a name of its own
+    waiting, done = [len(own) for own in places], 0
     for k in range(function.n_instructions()):
+        while waiting[done] == 0:
+            lines += parts[done].end()
+            done += 1
         operation = function.instruction_id(k)
         to, of = function.instruction_output(k), function.instruction_input(k)
         if operation == casadi.OP_OUTPUT:
-            yield f"{places[to[0]][to[1]]} = {at[of[0]]}"
+            waiting[to[0]] -= 1
+            lines.append(_Line("", f"{places[to[0]][to[1]]} = {at[of[0]]}", (at[of[0]],)))
             continue
+        name, own = next(names), tuple(at[index] for index in of if operation != casadi.OP_INPUT)
         if operation == casadi.OP_INPUT:
-            name = known[of[0]][0]
-            value = name if name in scalars else f"{name}[{of[1]}]"
+            source = known[of[0]][0]
+            value = source if source in scalars else f"{source}[{of[1]}]"
         elif operation == casadi.OP_CONST:
             value = _number(function.instruction_constant(k))
         elif operation in _OPERATIONS:
-            value = _OPERATIONS[operation].format(*(at[index] for index in of))
+            value, own = choices.printed(name, operation, own)
         else:
             raise UserError(f"a law uses {_name_of(operation)}, which can't be compiled; write it out otherwise")
-        at[to[0]] = next(names)
-        yield f"{at[to[0]]} = {value}"
+        at[to[0]] = name
+        lines.append(_Line(name, f"{name} = {value}", own))
+    for part in parts[done:]:
+        lines += part.end()
+    yield from _needed(lines)
+
+
+class _Choices:
+    """Conditions and choices: CasADi has them as numbers, and one of two values as a sum in which one is zero."""
+
+    def __init__(self) -> None:
+        self._condition = dict[str, tuple[str, tuple[str, ...]]]()
+        self._other = dict[str, str]()
+        self._chosen = dict[str, tuple[str, str]]()
+
+    def printed(self, name: str, operation: int, of: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+        """An operation on values, printed, and the values that it reads."""
+        if operation in _COMPARISONS:
+            self._condition[name] = _COMPARISONS[operation].format(*of), of
+        elif operation == casadi.OP_NOT:
+            self._other[name] = of[0]
+        elif operation == casadi.OP_IF_ELSE_ZERO:
+            self._chosen[name] = of[0], of[1]
+            return self._select(of[0], of[1], "0.0")
+        elif operation == casadi.OP_ADD and of[0] in self._chosen and of[1] in self._chosen:
+            (one, value), (other, instead) = self._chosen[of[0]], self._chosen[of[1]]
+            if self._other.get(other) == one:
+                return self._select(one, value, instead)
+            if self._other.get(one) == other:
+                return self._select(other, instead, value)
+        return _OPERATIONS[operation].format(*of), of
+
+    def _select(self, condition: str, value: str, instead: str) -> tuple[str, tuple[str, ...]]:
+        if condition in self._other:
+            return self._select(self._other[condition], instead, value)
+        text, of = self._condition.get(condition, (f"{condition} != 0.0", (condition,)))
+        return f"select({text}, {value}, {instead})", (*of, *{value, instead} - {"0.0"})
+
+
+def _needed(lines: Sequence[_Line]) -> Iterator[str]:
+    """The lines whose values are read, in their order."""
+    read, kept = set[str](), list[str]()
+    for line in reversed(lines):
+        if not line.name or line.name in read:
+            read.update(line.of)
+            kept.append(line.text)
+    yield from reversed(kept)
 
 
 def _name_of(operation: int) -> str:
