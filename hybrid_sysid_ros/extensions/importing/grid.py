@@ -79,14 +79,16 @@ def clean_stamps(seconds: Array, what: str) -> CleanStamps:
         raise UserError(f"{what}: {back} of {len(steps)} steps go backwards: it is no time; name another column")
     if back:
         k = int(np.argmax(steps < 0)) + 1
-        if back == 1 and times[-1] < times[k - 1]:
+        first, peak = rows[k], np.maximum.accumulate(times)
+        behind = int(np.diff(np.flatnonzero(np.append(times >= peak, True))).max()) - 1
+        if behind > SAMPLES_PER_PIECE or (back == 1 and times[-1] < times[k - 1]):
             raise UserError(
-                f"{what}: the clock was set back by {-steps[k - 1]:.6g} s at row {rows[k]}; cut the file there, since "
-                "nothing says how the two parts follow each other"
+                f"{what}: the clock was set back by {-steps[k - 1]:.6g} s at row {first}, or another run begins there; "
+                "cut the file there, since nothing says how the two parts follow each other"
             )
         order = np.argsort(times, kind="stable")
         rows, times = rows[order], times[order]
-        notes.append(f"{what}: {back} times go backwards, the first at row {rows[k]}; the rows are sorted by time")
+        notes.append(f"{what}: {back} times go backwards, the first at row {first}; the rows are sorted by time")
     doubled = np.append(False, np.diff(times) == 0.0)
     if doubled.sum() > MOST_WRONG * len(times):
         spread = _coarse(times)

@@ -15,7 +15,7 @@ FLAGS = (
     "-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-O2", "-w",
     "-Wl,--gc-sections", "-Wl,--strip-all", "-Wl,-z,stack-size=262144",
 )  # fmt: skip
-TIME_LIMIT = 300.0
+TIME_LIMIT = 900.0
 """Of compiling [s]; the first time the C library is compiled, too."""
 
 
@@ -48,7 +48,9 @@ def module_of(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
         command = [sys.executable, "-m", "ziglang", "cc", *FLAGS, *sources, "-o", "module.wasm"]
         try:
             done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
-        except (OSError, subprocess.TimeoutExpired) as error:
+        except subprocess.TimeoutExpired as error:
+            raise UserError(f"export: ziglang is not ready after {TIME_LIMIT:g} s: is the machine busy?") from error
+        except OSError as error:
             raise UserError(f"export: ziglang can't be run: {error}") from error
         if done.returncode:
             lines = [line for line in done.stderr.splitlines() if "error" in line] or ["it says nothing"]

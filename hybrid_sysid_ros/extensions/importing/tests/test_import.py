@@ -189,6 +189,7 @@ def test_a_column_has_its_own_late_and_drifting_clock(imported, tmp_path):
         ((TIME, DRIVE, POSITION), ("--unit", "time=V"), ("unit of time",)),
         ((TIME[::-1], DRIVE, POSITION), (), ("go backwards",)),
         ((np.r_[TIME[:200], TIME[:200] - 5.0], DRIVE, POSITION), (), ("set back", "row 200")),
+        ((np.tile(TIME[:200], 2), DRIVE, POSITION), (), ("another run", "row 200")),
         ((np.r_[TIME[:399], 1e9], DRIVE, POSITION), (), ("jumps by",)),
         ((np.repeat(TIME[:200] ** 2, 2), DRIVE, POSITION), (), ("twice, unevenly",)),
         ((TIME, np.full(400, np.nan), POSITION), (), ("holds no number",)),
