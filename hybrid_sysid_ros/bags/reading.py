@@ -10,19 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.bags import sampling
 from hybrid_sysid_ros.bags.bag import Bag, name_of, opened
 from hybrid_sysid_ros.bags.columns import MissingInMessageError, TopicColumns
 from hybrid_sysid_ros.bags.gaps import FilledBlock, Filler, SamplingError
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.sampling import (
-    FEWEST,
-    EveryNth,
-    GroupMean,
-    HeldLast,
-    HeldMean,
-    RecordSamples,
-    Resampled,
-)
 from hybrid_sysid_ros.bags.signals import Signal, Signals
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
@@ -65,13 +57,13 @@ class _BagReader:
     def __init__(self, bag: Bag, signals: Signals, period: float | None) -> None:
         self.bag = bag
         self.signals = signals
-        self.samples = RecordSamples(expected=signals.period, period=period)
+        self.samples = sampling.RecordSamples(expected=signals.period, period=period)
         self.wanted: dict[Key, Signal] = {
             **{("output", number): signal for number, signal in enumerate(signals.output)},
             **{("input", number): signal for number, signal in enumerate(signals.input)},
             **{("channel", name): signal for name, signal in signals.channels.items()},
         }
-        self.found: dict[Key, Resampled] = {}
+        self.found: dict[Key, sampling.Resampled] = {}
         self.stamped: dict[str, bool] = {}  # by topic: whether headers have stamps
         self.origins: dict[str, int] = {}  # by topic: the first stamp [ns]
         self.block: FilledBlock | None = None  # samples of the output's messages
@@ -148,15 +140,19 @@ class _BagReader:
             return "line"
         return "unknown" if key[0] == "channel" else "preceding" if signal.holds == "preceding" else "following"
 
-    def resampled(self, key: Key, signal: Signal) -> Resampled:
+    def resampled(self, key: Key, signal: Signal) -> sampling.Resampled:
         """How a signal is resampled."""
         preceding = signal.holds == "preceding"
         if key[0] != "input":
-            return EveryNth(self.samples.every) if self.shares_topic(signal) else HeldLast(self.samples.stamps)
+            return (
+                sampling.EveryNth(self.samples.every)
+                if self.shares_topic(signal)
+                else sampling.HeldLast(self.samples.stamps)
+            )
         if self.shares_topic(signal):
-            return GroupMean(self.samples.every, skip=int(preceding))
+            return sampling.GroupMean(self.samples.every, skip=int(preceding))
         edges = np.append(self.samples.stamps, self.samples.stamps[-1] + round(1e9 * self.samples.period))
-        return HeldMean(edges, preceding=preceding, margin=int(0.5e9 * self.samples.step))
+        return sampling.HeldMean(edges, preceding=preceding, margin=int(0.5e9 * self.samples.step))
 
     def taken(self, kind: str, name: int | str) -> NDArray[np.float64]:
         """A signal's values at the samples; they can be taken once."""
@@ -166,9 +162,9 @@ class _BagReader:
         """Samples at which all inputs are known."""
         start, stop = 0, len(self.samples.stamps)
         for held in self.found.values():
-            if isinstance(held, HeldMean):
+            if isinstance(held, sampling.HeldMean):
                 start, stop = max(start, held.known().start), min(stop, held.known().stop)
-        if stop - start < FEWEST:
+        if stop - start < sampling.FEWEST:
             names = ", ".join(self.signals.topic(signal) for signal in self.signals.input)
             first = self.signals.topic(self.signals.output[0])
             raise UserError(f"{self.bag.path}: {names} has no message while {first} has: nothing to read")

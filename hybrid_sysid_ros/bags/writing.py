@@ -14,20 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.bags import metadata
+from hybrid_sysid_ros.bags import metadata, storage
 from hybrid_sysid_ros.bags.bag import METADATA, markers
 from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.series import SECOND, Series
-from hybrid_sysid_ros.bags.storage import (
-    Compression,
-    DurableFile,
-    Extent,
-    OfferedTopic,
-    QualityOfService,
-    Storage,
-    provisional_end,
-    sync,
-)
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_folder, room_beside, take_place, written_folder
 
@@ -39,7 +29,7 @@ class Split:
     size: int = 0
     seconds: float = 0.0
 
-    def is_due(self, file: Storage, logged: int) -> bool:
+    def is_due(self, file: storage.Storage, logged: int) -> bool:
         """Whether a message that was logged at a time [ns] belongs into the next file."""
         if not file.counts:
             return False
@@ -65,7 +55,7 @@ class BagWriter:
         self,
         path: Path | str,
         *,
-        compression: Compression = "zstd",
+        compression: storage.Compression = "zstd",
         replace: bool = False,
         notes: Mapping[str, str] | None = None,
         split: Split | None = None,
@@ -77,8 +67,8 @@ class BagWriter:
         self._notes = dict(notes or {})
         self._split = split or Split()
         self._stack = ExitStack()
-        self._offers: dict[str, OfferedTopic] = {}
-        self._files: list[Storage] = []
+        self._offers: dict[str, storage.OfferedTopic] = {}
+        self._files: list[storage.Storage] = []
         self._folder = self.path
 
     def __enter__(self) -> BagWriter:
@@ -104,7 +94,9 @@ class BagWriter:
             for file in self._files:
                 file.stream.close()
 
-    def offer(self, topic: str, message_type: str, qualities: Sequence[QualityOfService] = ()) -> OfferedTopic:
+    def offer(
+        self, topic: str, message_type: str, qualities: Sequence[storage.QualityOfService] = ()
+    ) -> storage.OfferedTopic:
         """Declare how a topic is offered, before its first message is written.
 
         Raises UserError where ROS 2 Jazzy has no such message type, or the topic had another type before.
@@ -115,7 +107,7 @@ class BagWriter:
         if known is None:
             if full not in jazzy_types().fielddefs:
                 raise UserError(f"{self.path}: topic {topic}: message type {message_type!r} is not one of ROS 2 Jazzy")
-            known = self._offers[topic] = OfferedTopic(topic=topic, type=full, qualities=tuple(qualities))
+            known = self._offers[topic] = storage.OfferedTopic(topic=topic, type=full, qualities=tuple(qualities))
         if known.type != full:
             raise UserError(f"{self.path}: topic {topic} has type {known.type}, not {full} as well")
         return known
@@ -150,7 +142,7 @@ class BagWriter:
         stream = self._opened(self._folder / name)
         if self._files:
             self._finish_file()
-        self._files.append(Storage(name, stream, compression=self._compression))
+        self._files.append(storage.Storage(name, stream, compression=self._compression))
 
     def _finish_file(self) -> None:
         offers = tuple(self._offers.values())
@@ -170,7 +162,7 @@ class BagWriter:
     def _put(self, path: Path, data: bytes) -> None:
         path.write_bytes(data)
 
-    def _extents(self) -> list[Extent]:
+    def _extents(self) -> list[storage.Extent]:
         """The contents of the files."""
         return [file.extent for file in self._files]
 
@@ -179,7 +171,7 @@ def write_bag(
     path: Path | str,
     topics: Sequence[Series],
     *,
-    compression: Compression = "zstd",
+    compression: storage.Compression = "zstd",
     replace: bool = False,
     notes: Mapping[str, str] | None = None,
 ) -> Path:
@@ -221,7 +213,7 @@ class Recording(BagWriter):
         self.whole = False
         self.old: Path | None = None
         self._folder = self._place = beside(path, "")
-        self._kept: dict[str, Extent] = {}  # content on the disk, by file
+        self._kept: dict[str, storage.Extent] = {}  # content on the disk, by file
         self._ended = 0  # files that are closed
 
     def __enter__(self) -> Recording:
@@ -276,24 +268,24 @@ class Recording(BagWriter):
                 self._ended += 1
 
     def _opened(self, path: Path) -> Any:
-        return DurableFile(path, end=provisional_end())
+        return storage.DurableFile(path, end=storage.provisional_end())
 
     def _put(self, path: Path, data: bytes) -> None:
-        file = DurableFile(path, end=b"")
+        file = storage.DurableFile(path, end=b"")
         try:
             file.write(data)
             file.sync()
         finally:
             file.close()
 
-    def _extents(self) -> list[Extent]:
+    def _extents(self) -> list[storage.Extent]:
         return list(self._kept.values())
 
     def _take_place(self) -> None:
         old = next(place for n in count(1) if not (place := beside(self.path, f".old{n if n > 1 else ''}")).exists())
         self.old = old if take_place(self._folder, self._place, old=old) else None
         self._folder = self._place
-        sync(self._place.parent)
+        storage.sync(self._place.parent)
 
     def _finish(self, *, well: bool) -> None:
         """Close the bag. Raises OSError where that fails, unless something failed before."""
@@ -308,7 +300,7 @@ class Recording(BagWriter):
         self._close()
         try:
             self._describe()
-            sync(self._folder)
+            storage.sync(self._folder)
             self.whole = True
         except OSError as error:
             trouble = trouble or error

@@ -14,17 +14,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands.terminal import (
-    Json,
-    Overwrite,
-    RigName,
-    Seed,
-    console,
-    print_lines,
-    print_table,
-    status,
-    typed,
-)
+from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
@@ -54,12 +44,12 @@ EXTENDED_BY = "demos"
 
 
 def command(
-    rig: RigName = "",
+    rig: terminal.RigName = "",
     out: Out = None,
     train: Train = False,
-    seed: Seed = 0,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
+    seed: terminal.Seed = 0,
+    overwrite: terminal.Overwrite = False,
+    as_json: terminal.Json = False,
     demos: Sequence[Callable[[], dict[str, Any]]] = (),
 ) -> None:
     """From bags to a controlled rig: identify, run the loop, report."""
@@ -72,7 +62,7 @@ def command(
         place = out or (OUT if chosen.name == default() else OUT.with_name(f"demo_{chosen.name}"))
         summary = demo(place, rig=chosen.source, train=train, seed=seed, overwrite=overwrite, quiet=as_json)
     if as_json:
-        console.print(json.dumps(summary, indent=2))
+        terminal.console.print(json.dumps(summary, indent=2))
 
 
 def demo(
@@ -105,7 +95,7 @@ def demo(
     for folder, marker in folders.items():
         check_folder(out / folder, marker=marker, replace=overwrite)
     records = records or plan.records(described, out / "bags")
-    status.print(f"1 identifying {described.name} from {len(records.training)} bags")
+    terminal.status.print(f"1 identifying {described.name} from {len(records.training)} bags")
     given: dict[str, Any] = {"sampling": plan.sampling, "part": records.part, "options": plan.options, "seed": seed}
     model = identify(records.training, described, plan.structure, **given)
     model.save(out / "model")
@@ -118,12 +108,12 @@ def demo(
         policy_folder = configuration.shipped(described.name, "policy")
     used = load_model(model_folder)
     imitation = policy.load(policy_folder, model=used)
-    status.print("2 running plant, estimator, controller and reference as ROS 2 processes")
+    terminal.status.print("2 running plant, estimator, controller and reference as ROS 2 processes")
     bag, diagnostics = run_loop(
         out / "loop", described, plan.reference, model=model_folder, policy_path=policy_folder, seed=seed
     )
     loop = LoopRecord.from_bag(bag, described)
-    status.print("3 comparing with the exact MPC on the same plant")
+    terminal.status.print("3 comparing with the exact MPC on the same plant")
     ratio = _cost_ratio(described, used, imitation, plan.reference, seed)
     section = report.closed_loop_section(loop, described)
     section = replace(section, ideal=report.ideal_errors(section, used, imitation.problem))
@@ -137,12 +127,14 @@ def demo(
     }
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     driver = "A policy of this model drove it." if train else "The shipped policy drove it, on the shipped model."
-    called = typed()
+    called = terminal.typed()
     sections = report.identification_section(model, records.tests), section
     report.write_report(out / "report.html", *sections, report.provenance(model, called), run, driver)
     if not quiet:
-        print_table(_table(summary))
-        print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")}, run.alarms)
+        terminal.print_table(_table(summary))
+        terminal.print_lines(
+            run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")}, run.alarms
+        )
     return summary
 
 
@@ -187,7 +179,7 @@ def tracked(section: report.ClosedLoopSection, plan: DemoRecipe) -> dict[str, An
 
 
 def _train(model: Model, folder: Path, seed: int) -> None:
-    with progress_bars(status) as update:
+    with progress_bars(terminal.status) as update:
         extensions.one("policies", "train")(model, seed=seed, samples=beside(folder, ".samples"), progress=update).save(
             folder
         )
@@ -195,14 +187,14 @@ def _train(model: Model, folder: Path, seed: int) -> None:
 
 def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:
     """The bag of the loop, and the last diagnostics of its nodes; options: fields of :class:`~.runtime.run.Run`."""
-    with progress_bars(status) as update:
+    with progress_bars(terminal.status) as update:
         outcome = Run(
             rig=rig.source,
             reference=reference,
             bag=bag,
             overwrite=True,
             domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # away from running rigs
-            tell=status.print,
+            tell=terminal.status.print,
             progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
             **options,
         ).go()

@@ -20,18 +20,13 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status, typ
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import unstable_settings
+from hybrid_sysid_ros.identification.validation import unstable
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.identification.validation.judgement import judgement
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
 from hybrid_sysid_ros.identification.validation.run_quality import RunQuality, run_quality
 from hybrid_sysid_ros.identification.validation.scores import free_run, scores_of_run
-from hybrid_sysid_ros.identification.validation.unstable import (
-    PredictionErrors,
-    UnstableError,
-    check_free_run,
-    predictions,
-)
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.fit import PreparedRecord
@@ -46,7 +41,7 @@ EXTENDED_BY = "inspections"
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    model: terminal.ModelFolder,
     bag: Annotated[list[Path], typer.Argument(help="Bags to score the model on.")],
     as_json: terminal.Json = False,
     part: terminal.PartText = "0:1",
@@ -96,7 +91,7 @@ class _Evaluation:
 
     scores: Mapping[str, Mapping[str, Any]]
     """Of the free run, where it has a meaning."""
-    ahead: Mapping[str, Sequence[PredictionErrors]]
+    ahead: Mapping[str, Sequence[unstable.PredictionErrors]]
     """Errors of predictions, where it has none or says little."""
     qualities: Mapping[str, RunQuality]
     """What is wrong with the free run, where something is."""
@@ -126,18 +121,18 @@ class _Evaluation:
 
 def _found(model: Model, records: Sequence[Record], part: Part, rig: Rig) -> _Evaluation:
     experiments = {record.name: experiment_of(model, record, part=part) for record in records}
-    ahead, runs = dict[str, Sequence[PredictionErrors]](), dict[str, Array]()
+    ahead, runs = dict[str, Sequence[unstable.PredictionErrors]](), dict[str, Array]()
     for name, experiment in experiments.items():
         try:
-            check_free_run(model.system, experiment)
+            unstable.check_free_run(model.system, experiment)
             runs[name] = free_run(model.system, experiment)
-        except UnstableError as error:
+        except unstable.UnstableError as error:
             ahead[name] = _ahead(model, experiment, rig, error)
     scores = {name: scores_of_run(model.system, experiments[name], run).content for name, run in runs.items()}
     qualities = {name: run_quality(model.system, experiments[name]) for name in runs}
     for name, quality in qualities.items():
         if not quality.judged:
-            ahead[name] = predictions(model.system, experiments[name], None)
+            ahead[name] = unstable.predictions(model.system, experiments[name], None)
     bands = _bands(model, {name: experiments[name] for name in runs})
     loops, skipped = _loops(model, records, part, rig)
     return _Evaluation(
@@ -179,14 +174,16 @@ def _show(found: _Evaluation, rig: Rig) -> None:
         print_table(_band_table(found.bands, rig))
 
 
-def _ahead(model: Model, experiment: PreparedRecord, rig: Rig, why: UnstableError) -> list[PredictionErrors]:
+def _ahead(
+    model: Model, experiment: PreparedRecord, rig: Rig, why: unstable.UnstableError
+) -> list[unstable.PredictionErrors]:
     """Errors of predictions where the free run is meaningless."""
     windows = unstable_settings(rig)
     if windows is None:
         advice = f"for that declare the rig's stabiliser, experiments.stabiliser in {rig.file}"
         raise UserError(f"{why}: {advice}") from why
     status.print(f"no free run: {why}")
-    return predictions(model.system, experiment, windows)
+    return unstable.predictions(model.system, experiment, windows)
 
 
 def _bands(model: Model, experiments: Mapping[str, PreparedRecord]) -> dict[str, dict[str, Any]]:
@@ -232,11 +229,11 @@ def _loops(
     return found, skipped
 
 
-def _row(item: PredictionErrors) -> dict[str, Any]:
+def _row(item: unstable.PredictionErrors) -> dict[str, Any]:
     return {"seconds": item.seconds, "closed": item.closed, "beginnings": item.count, **item.scores.content}
 
 
-def _ahead_table(ahead: Mapping[str, Sequence[PredictionErrors]], rig: Rig) -> Table:
+def _ahead_table(ahead: Mapping[str, Sequence[unstable.PredictionErrors]], rig: Rig) -> Table:
     """Table of prediction errors by horizon, for each output in its display unit."""
     headings = (f"{item.name} [{display.unit}]" for item, display in zip(rig.system.outputs, rig.display, strict=True))
     table = Table("record", "ahead", "", *headings, title="RMSE of predictions, from states estimated just before")

@@ -10,17 +10,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import (
-    DriverChoice,
-    Json,
-    Overwrite,
-    RigName,
-    Seed,
-    console,
-    print_lines,
-    print_table,
-    status,
-)
+from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -34,8 +24,8 @@ EXTENDED_BY = "companions"
 
 
 def command(
-    rig: RigName = "",
-    policy: Annotated[DriverChoice, typer.Option(help="What drives the rig.")] = "supervised",
+    rig: terminal.RigName = "",
+    policy: Annotated[terminal.DriverChoice, typer.Option(help="What drives the rig.")] = "supervised",
     solver: Annotated[
         Literal["sqp", "ipopt"], typer.Option(help="Solver of the exact MPC; ipopt is the slow reference.")
     ] = "sqp",
@@ -50,9 +40,9 @@ def command(
             "default the rig's first."
         ),
     ] = "",
-    seed: Seed = 0,
+    seed: terminal.Seed = 0,
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
-    overwrite: Overwrite = False,
+    overwrite: terminal.Overwrite = False,
     lockstep: Annotated[
         bool, typer.Option("--lockstep", help="Run in simulated time, as fast as the nodes answer; the run repeats.")
     ] = False,
@@ -64,11 +54,11 @@ def command(
     ] = None,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print all diagnostics at the end.")] = False,
-    as_json: Json = False,
+    as_json: terminal.Json = False,
     companions: Sequence[Companion] = (),
 ) -> None:
     """Run plant, estimator, controller and reference as ROS 2 nodes; end with six lines on how it went."""
-    with progress_bars(status) as update:
+    with progress_bars(terminal.status) as update:
 
         def progress(seconds: float, expected: float) -> None:
             if expected:
@@ -91,18 +81,18 @@ def command(
             lockstep=lockstep,
             composed=composed,
             domain=domain,
-            tell=status.print,
+            tell=terminal.status.print,
             progress=progress,
         ).go()
     kept = outcome.bag if outcome.bag is not None and outcome.bag.exists() else None
     if outcome.diagnostics:
         summary = RunSummary.of(outcome.diagnostics, load_rig(rig or default()), bag=kept, lockstep=lockstep)
         if as_json:
-            console.print(json.dumps(summary.content | {"diagnostics": outcome.diagnostics}, indent=2))
+            terminal.console.print(json.dumps(summary.content | {"diagnostics": outcome.diagnostics}, indent=2))
         else:
             if verbose:
-                print_table(_table(outcome.diagnostics))
-            print_lines(summary.lines, summary.alarms)
+                terminal.print_table(_table(outcome.diagnostics))
+            terminal.print_lines(summary.lines, summary.alarms)
     if outcome.interrupted:
         raise Interrupted(f"{outcome.bag} holds what was recorded" if kept else "")
 

@@ -36,6 +36,7 @@ RigName = Annotated[
 RigPlace = Annotated[
     str, typer.Argument(help="Rig, by its name or by the path of its folder.", autocompletion=folder.names)
 ]
+ModelFolder = Annotated[Path, typer.Argument(help="Model folder.")]
 
 
 def _meet(rig: str) -> str:

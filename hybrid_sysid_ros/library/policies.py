@@ -232,9 +232,14 @@ def export(
     if not isinstance(model, AnyModel):
         raise UserError(f"model is {shown(model)}; give a model or a policy")
     if form in OF_MODELS:
-        seal = "" if policy is None else _seal(policy)
+        used, given = sealed(arguments.given_model(model)), dict[str, Any]()
+        if OF_MODELS[form]:
+            given["settings"] = {"real_time": True}
+        if policy is not None:
+            given["settings"] = {"real_time": True, "policy": "supervised"}
+            given |= {"network": policy, "policy_seal": _seal(policy)}
         extensions.one("exporters", form, needs)(
-            sealed(arguments.given_model(model)), folder, policy=policy, policy_seal=seal, overwrite=replaced
+            arguments.rig_of(used.rig), used, folder, seal=used.seal, **given, overwrite=replaced
         )
         return folder
     if form != "both":

@@ -9,22 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
-from hybrid_sysid_ros.report.charts import (
-    ERROR,
-    LINES,
-    MEASURED,
-    MINUS,
-    MODEL,
-    TEXT,
-    area,
-    dress,
-    line,
-    logarithmic,
-    panels,
-    scaled,
-    stems,
-    timed,
-)
+from hybrid_sysid_ros.report import charts
 from hybrid_sysid_ros.report.sections import FreeRunSection, IdentificationSection
 from hybrid_sysid_ros.rigs.sensor import Display
 
@@ -37,20 +22,22 @@ FREE_RUN_AT = 2.2
 
 def free_run(run: FreeRunSection) -> go.Figure:
     """Measured and simulated output above, their difference below."""
-    figure, display = panels(heights=[0.67, 0.33], height=330), run.display
+    figure, display = charts.panels(heights=[0.67, 0.33], height=330), run.display
     measured, simulated = display.shown(run.measured), display.shown(run.simulated)
     for level, half in sorted(run.bands.items(), reverse=True):
         width, name = display.shown(half), f"{level:.0%} band"
         nominal = np.interp(run.residual_time, run.simulated_time, simulated)
-        area(figure, 1, run.residual_time, nominal - width, nominal + width, name)
-        area(figure, 2, run.residual_time, -width, width, name, legend=False)
-    line(figure, 1, run.time, measured, "measured", MEASURED)
-    line(figure, 1, run.simulated_time, simulated, run.kind, MODEL)
+        charts.area(figure, 1, run.residual_time, nominal - width, nominal + width, name)
+        charts.area(figure, 2, run.residual_time, -width, width, name, legend=False)
+    charts.line(figure, 1, run.time, measured, "measured", charts.MEASURED)
+    charts.line(figure, 1, run.simulated_time, simulated, run.kind, charts.MODEL)
     residuals = display.shown(run.residuals)
-    line(figure, 2, run.residual_time, residuals, f"measured {MINUS} {run.kind}", ERROR, legend=False)
-    scaled(figure, 1, [measured, simulated], run.output.name, run.output, display)
-    scaled(figure, 2, [residuals], "residual", run.output, display, symmetric=True)
-    return timed(figure, 2)
+    charts.line(
+        figure, 2, run.residual_time, residuals, f"measured {charts.MINUS} {run.kind}", charts.ERROR, legend=False
+    )
+    charts.scaled(figure, 1, [measured, simulated], run.output.name, run.output, display)
+    charts.scaled(figure, 2, [residuals], "residual", run.output, display, symmetric=True)
+    return charts.timed(figure, 2)
 
 
 def residual_tests(section: IdentificationSection) -> go.Figure:
@@ -67,15 +54,15 @@ def residual_tests(section: IdentificationSection) -> go.Figure:
     for row, run in enumerate(runs, start=1):
         for column, name in enumerate(columns, start=1):
             if name in run.tests:
-                stems(figure, row, column, run.tests[name], period)
+                charts.stems(figure, row, column, run.tests[name], period)
         label = _beside(run, section.model.rig)
         figure.update_yaxes(title={"text": label, "font": {"size": 10}, "standoff": 4}, row=row, col=1)
-    dress(figure, 100 + 118 * len(runs))
+    charts.dress(figure, 100 + 118 * len(runs))
     figure.update_xaxes(showticklabels=True, nticks=5, tickfont={"size": 9})
     figure.update_yaxes(nticks=4, tickfont={"size": 9})
     figure.update_xaxes(title={"text": "lag [s]", "standoff": 4}, row=len(runs))
     figure.update_layout(showlegend=False, margin={"l": 74, "r": 12, "t": 50, "b": 44})
-    figure.update_annotations(font={"size": 12, "color": TEXT})
+    figure.update_annotations(font={"size": 12, "color": charts.TEXT})
     return figure
 
 
@@ -89,11 +76,11 @@ def _beside(run: FreeRunSection, rig: str) -> str:
 def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
     """RMSE and 1 - R2 over the horizon, both logarithmic; points at the right belong to the whole record."""
     figure = make_subplots(rows=1, cols=2, horizontal_spacing=0.09)
-    dress(figure, 380)
+    charts.dress(figure, 380)
     longest = max(float(item.seconds[-1]) for item in lines)
     end = FREE_RUN_AT * longest
     for number, item in enumerate(lines):
-        colour, dash = LINES[number % len(LINES)], "solid" if number < len(LINES) else "dot"
+        colour, dash = charts.LINES[number % len(charts.LINES)], "solid" if number < len(charts.LINES) else "dot"
         rmse = display.shown(item.rmse), float(display.shown(np.float64(item.free_run.rmse)))
         for column, (curve, limit) in enumerate((rmse, (1.0 - item.r2, 1.0 - item.free_run.r2)), start=1):
             figure.add_trace(
@@ -119,10 +106,10 @@ def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
             type="log", tickvals=[*ticks, end], ticktext=[*(f"{t:g}" for t in ticks), "whole run"],
             title="horizon [s]", row=1, col=column,
         )  # fmt: skip
-    for column, title in ((1, f"RMSE [{display.unit}]"), (2, f"1 {MINUS} R²")):
+    for column, title in ((1, f"RMSE [{display.unit}]"), (2, f"1 {charts.MINUS} R²")):
         shown = np.concatenate([np.asarray(trace.y, dtype=float) for trace in figure.select_traces(col=column)])
         shown = shown[np.isfinite(shown) & (shown > 0.0)]
-        axis = logarithmic(float(shown.min()), float(shown.max())) if len(shown) else {}
+        axis = charts.logarithmic(float(shown.min()), float(shown.max())) if len(shown) else {}
         figure.update_yaxes(title=title, type="log", tickfont={"size": 11}, row=1, col=column, **axis)
     figure.update_layout(legend={"y": 1.02}, margin={"t": 70}, hovermode="closest")
     return figure

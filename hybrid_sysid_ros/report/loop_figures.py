@@ -7,22 +7,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.report.charts import (
-    BOUND,
-    ERROR,
-    INPUT,
-    MEASURED,
-    MINUS,
-    MODEL,
-    REFERENCE,
-    data,
-    dress,
-    line,
-    panels,
-    scaled,
-    timed,
-    titled,
-)
+from hybrid_sysid_ros.report import charts
 from hybrid_sysid_ros.report.loop_section import DRIVING, ClosedLoopSection
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
@@ -36,16 +21,16 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
     loop, rig = section.loop, section.rig
     tracked, inputs = loop.tracked, len(rig.actuators)
     weights = [0.46, 0.24] * len(tracked) + [0.3] * (len(section.bounds) + inputs)
-    figure = panels(heights=[weight / sum(weights) for weight in weights], height=round(540 * sum(weights)))
+    figure = charts.panels(heights=[weight / sum(weights) for weight in weights], height=round(540 * sum(weights)))
     for number, k in enumerate(tracked):
         row, output, display = 1 + 2 * number, rig.system.outputs[k], rig.display[k]
         reference, measured = display.shown(loop.reference[:, k]), display.shown(loop.outputs[:, k])
-        line(figure, row, loop.time, measured, "measured", MEASURED, legend=number == 0)
-        line(figure, row, loop.time, reference, "reference", REFERENCE, width=1.4, legend=number == 0)
+        charts.line(figure, row, loop.time, measured, "measured", charts.MEASURED, legend=number == 0)
+        charts.line(figure, row, loop.time, reference, "reference", charts.REFERENCE, width=1.4, legend=number == 0)
         error = display.shown(loop.error[:, k])
-        line(figure, row + 1, loop.time, error, f"reference {MINUS} measured", ERROR, legend=False)
-        scaled(figure, row, [reference, measured], output.name, output, display)
-        scaled(figure, row + 1, [error], "error", output, display, symmetric=True)
+        charts.line(figure, row + 1, loop.time, error, f"reference {charts.MINUS} measured", charts.ERROR, legend=False)
+        charts.scaled(figure, row, [reference, measured], output.name, output, display)
+        charts.scaled(figure, row + 1, [error], "error", output, display, symmetric=True)
     for row, (k, limits) in enumerate(section.bounds.items(), start=1 + 2 * len(tracked)):
         _bounded(figure, row, loop, k, limits)
     for j in range(inputs):
@@ -61,13 +46,13 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
         )  # fmt: skip
     spells = [spell for spell in loop.spells if spell[2] != DRIVING]
     for start, stop, state in spells:
-        colour = STATES.get(state, BOUND)
+        colour = STATES.get(state, charts.BOUND)
         figure.add_vrect(x0=start, x1=stop, fillcolor=colour, opacity=0.4, line_width=0, layer="below", row=1, col=1)
     for state in dict.fromkeys(state for *_, state in spells):
-        marker = {"color": STATES.get(state, BOUND), "symbol": "square", "size": 11}
+        marker = {"color": STATES.get(state, charts.BOUND), "symbol": "square", "size": 11}
         figure.add_trace(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=state), row=1, col=1)
     figure.update_layout(margin={"t": 48}, legend={"y": 1.05})
-    return timed(figure, len(weights))
+    return charts.timed(figure, len(weights))
 
 
 def zoom(section: ClosedLoopSection, name: str) -> go.Figure:
@@ -76,15 +61,15 @@ def zoom(section: ClosedLoopSection, name: str) -> go.Figure:
     output, display = rig.system.outputs[window.output], rig.display[window.output]
     inside, inputs = loop.within(window.start, window.stop), len(rig.actuators)
     weights = [0.62] + [0.38] * inputs
-    figure = panels(heights=[weight / sum(weights) for weight in weights], height=round(380 * sum(weights)))
+    figure = charts.panels(heights=[weight / sum(weights) for weight in weights], height=round(380 * sum(weights)))
     reference = display.shown(loop.reference[inside, window.output])
     measured = display.shown(loop.outputs[inside, window.output])
-    line(figure, 1, loop.time[inside], measured, "measured", MEASURED)
-    line(figure, 1, loop.time[inside], reference, "reference", REFERENCE, width=1.6)
+    charts.line(figure, 1, loop.time[inside], measured, "measured", charts.MEASURED)
+    charts.line(figure, 1, loop.time[inside], reference, "reference", charts.REFERENCE, width=1.6)
     for j in range(inputs):
         _input(figure, 2 + j, loop, j, inside)
-    scaled(figure, 1, [reference, measured], output.name, output, display)
-    return timed(figure, 1 + inputs)
+    charts.scaled(figure, 1, [reference, measured], output.name, output, display)
+    return charts.timed(figure, 1 + inputs)
 
 
 def delays(section: ClosedLoopSection) -> go.Figure:
@@ -94,12 +79,12 @@ def delays(section: ClosedLoopSection) -> go.Figure:
     figure = make_subplots(rows=1, cols=2, column_widths=[0.6, 0.4], horizontal_spacing=0.09)
     running = loop.time >= 0.0
     time, values, late = loop.time[running], values[running], loop.late[running]
-    figure.add_trace(go.Scatter(x=time, y=values, line={"color": MEASURED, "width": 0.9}, name="delay"), 1, 1)
+    figure.add_trace(go.Scatter(x=time, y=values, line={"color": charts.MEASURED, "width": 0.9}, name="delay"), 1, 1)
     if late.any():
         figure.add_trace(
             go.Scatter(
-                **data(time[late], np.nan_to_num(values[late])), mode="markers", name="missed", cliponaxis=False,
-                marker={"color": BOUND, "symbol": "x", "size": 8},
+                **charts.data(time[late], np.nan_to_num(values[late])), mode="markers", name="missed", cliponaxis=False,
+                marker={"color": charts.BOUND, "symbol": "x", "size": 8},
             ), 1, 1,
         )  # fmt: skip
     known = np.sort(values[np.isfinite(values)])
@@ -107,7 +92,9 @@ def delays(section: ClosedLoopSection) -> go.Figure:
         share = 100.0 * (1.0 - np.arange(len(known)) / len(known))
         chosen = np.unique(np.geomspace(1, len(known), TAIL_POINTS).astype(int))
         chosen = len(known) - chosen[::-1]
-        figure.add_trace(go.Scatter(**data(known[chosen], share[chosen]), line={"color": MEASURED, "width": 1.6}), 1, 2)
+        figure.add_trace(
+            go.Scatter(**charts.data(known[chosen], share[chosen]), line={"color": charts.MEASURED, "width": 1.6}), 1, 2
+        )
         marks = (("p50", 50.0, np.percentile(known, 50)), ("p99", 1.0, np.percentile(known, 99)),
                  ("max", share[-1], known[-1]))  # fmt: skip
         for name, y, x in marks:
@@ -115,10 +102,10 @@ def delays(section: ClosedLoopSection) -> go.Figure:
                 go.Scatter(
                     x=[float(x)], y=[float(y)], mode="markers+text", text=[f"  {name} {x:.2f} ms"],
                     textposition="middle left" if name == "max" else "middle right", cliponaxis=False,
-                    marker={"color": MODEL, "size": 7}, hoverinfo="skip",
+                    marker={"color": charts.MODEL, "size": 7}, hoverinfo="skip",
                 ), 1, 2,
             )  # fmt: skip
-    dress(figure, 320)
+    charts.dress(figure, 320)
     figure.update_xaxes(title="time [s]", row=1, col=1)
     figure.update_yaxes(title="delay [ms]", rangemode="tozero", row=1, col=1)
     figure.update_xaxes(title="delay [ms]", rangemode="tozero", row=1, col=2)
@@ -135,20 +122,22 @@ def _bounded(figure: go.Figure, row: int, loop: LoopRecord, k: int, limits: tupl
     output, display = loop.rig.system.outputs[k], loop.rig.display[k]
     measured = display.shown(loop.outputs[:, k])
     bounds = [float(display.shown(np.float64(limit))) for limit in limits if np.isfinite(limit)]
-    line(figure, row, loop.time, measured, "measured", MEASURED, legend=False)
+    charts.line(figure, row, loop.time, measured, "measured", charts.MEASURED, legend=False)
     for bound in bounds:
-        figure.add_hline(y=bound, line={"color": BOUND, "width": 1, "dash": "dot"}, row=row, col=1)
-    scaled(figure, row, [measured, np.array(bounds)], output.name, output, display)
+        figure.add_hline(y=bound, line={"color": charts.BOUND, "width": 1, "dash": "dot"}, row=row, col=1)
+    charts.scaled(figure, row, [measured, np.array(bounds)], output.name, output, display)
 
 
 def _input(figure: go.Figure, row: int, loop: LoopRecord, index: int, inside: NDArray[np.bool_] | None = None) -> None:
     """Draw an input with its bounds."""
     chosen = np.ones(len(loop.time), dtype=bool) if inside is None else inside
     actuator, item = loop.rig.actuators[index], loop.rig.system.inputs[index]
-    line(figure, row, loop.time[chosen], loop.inputs[chosen, index], item.name, INPUT, shape="hv", legend=False)
+    charts.line(
+        figure, row, loop.time[chosen], loop.inputs[chosen, index], item.name, charts.INPUT, shape="hv", legend=False
+    )
     for bound in (actuator.low, actuator.high):
-        figure.add_hline(y=bound, line={"color": BOUND, "width": 1, "dash": "dot"}, row=row, col=1)
+        figure.add_hline(y=bound, line={"color": charts.BOUND, "width": 1, "dash": "dot"}, row=row, col=1)
     margin = 0.06 * (actuator.high - actuator.low)
     ends = [actuator.low - margin, actuator.high + margin]
-    figure.update_yaxes(title=titled(item.name, item.unit), range=ends, row=row, col=1, secondary_y=False)
+    figure.update_yaxes(title=charts.titled(item.name, item.unit), range=ends, row=row, col=1, secondary_y=False)
     figure.update_yaxes(visible=False, row=row, col=1, secondary_y=True)

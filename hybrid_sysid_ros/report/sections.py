@@ -14,15 +14,10 @@ from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.starts import initial_state
+from hybrid_sysid_ros.identification.validation import residual_tests
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
-from hybrid_sysid_ros.identification.validation.residual_tests import (
-    LAGS,
-    ResidualTest,
-    correlation_tests,
-    independence,
-)
 from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulations
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals, compare_stages
 from hybrid_sysid_ros.identification.validation.unstable import stabilised_run
@@ -71,7 +66,7 @@ class FreeRunSection:
     """(scored samples,) [s]."""
     residuals: Array
     """Measured minus simulated, (scored samples,)."""
-    tests: Mapping[str, ResidualTest]
+    tests: Mapping[str, residual_tests.ResidualTest]
     """Residual tests by the keys of the section's tests; empty where there is nothing to test."""
     horizons: HorizonErrors
     """Errors over the horizon."""
@@ -214,7 +209,9 @@ def _further(name: str) -> str:
     return f"phi_ue {name}"
 
 
-def _tests(residuals: Array, inputs: Array, names: Sequence[str], reference: Array | None) -> dict[str, ResidualTest]:
+def _tests(
+    residuals: Array, inputs: Array, names: Sequence[str], reference: Array | None
+) -> dict[str, residual_tests.ResidualTest]:
     """Residual tests of residuals (samples,) against inputs (samples, m) by their names and a reference (samples,).
 
     Signals are at least as long; constant and unknown ones are left out. The first input is u.
@@ -224,15 +221,18 @@ def _tests(residuals: Array, inputs: Array, names: Sequence[str], reference: Arr
     signals = {key: signal for key, signal in signals.items() if len(signal) == length and _varies(signal)}
     if not signals or not _varies(residuals):
         return {}
-    lags = max(1, min(LAGS, length // 4))
+    lags = max(1, min(residual_tests.LAGS, length // 4))
     *_, (last, exogenous) = signals.items()
-    tests = {key.replace("u", "s"): test for key, test in correlation_tests(residuals, exogenous, lags=lags).items()}
+    tests = {
+        key.replace("u", "s"): test
+        for key, test in residual_tests.correlation_tests(residuals, exogenous, lags=lags).items()
+    }
     tests[last] = tests.pop("phi_se")
     if last != "phi_ue" and "phi_ue" in signals:
-        tests["phi_ue"] = independence(residuals, signals["phi_ue"], lags=lags)
+        tests["phi_ue"] = residual_tests.independence(residuals, signals["phi_ue"], lags=lags)
     for k, name in enumerate(names[1:], start=1):
         if _varies(inputs[:length, k]):
-            tests[_further(name)] = independence(residuals, inputs[:length, k], lags=lags)
+            tests[_further(name)] = residual_tests.independence(residuals, inputs[:length, k], lags=lags)
     return tests
 
 

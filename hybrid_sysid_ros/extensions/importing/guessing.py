@@ -10,15 +10,8 @@ from difflib import SequenceMatcher
 import numpy as np
 
 from hybrid_sysid_ros.core import Variable
+from hybrid_sysid_ros.extensions.importing import mapping
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
-from hybrid_sysid_ros.extensions.importing.mapping import (
-    ImportMapping,
-    SignalColumn,
-    TimeColumn,
-    further,
-    ratio,
-    seconds_of,
-)
 from hybrid_sysid_ros.extensions.shared.units import named
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError, UserErrors
@@ -80,14 +73,14 @@ Ask = Callable[[Question], str]
 
 def guessed(
     file: LogFile, rig: Rig, *, given: Mapping[str, str], units: Mapping[str, str], period: float, ask: Ask
-) -> ImportMapping:
+) -> mapping.ImportMapping:
     """A mapping for a file. given: columns by signal that the user named, "time" among them. units: of columns, by
     signal. period: of the samples [s], 0 where a column has their times.
 
     Raises UserErrors, a line for each signal that stays open, and for names that are none of the rig's.
     """
     items = [*rig.system.inputs, *rig.system.outputs]
-    extra = [name for item in rig.system.outputs for name in further(rig, item.name)]
+    extra = [name for item in rig.system.outputs for name in mapping.further(rig, item.name)]
     signals = [*(item.name for item in items), *extra, "time"]
     for name in (*given, *units):
         if name not in signals:
@@ -120,17 +113,17 @@ def guessed(
         problems.append(time)
     if problems:
         raise UserErrors(problems)
-    assert isinstance(time, TimeColumn)
+    assert isinstance(time, mapping.TimeColumn)
     own = file.columns[found[rig.system.outputs[0].name]].time
     if own and not period and "time" not in given:
         time = replace(time, column=own)
 
-    def column_of(name: str) -> SignalColumn:
+    def column_of(name: str) -> mapping.SignalColumn:
         column = file.columns[found[name]]
         own = column.time if column.time != time.column else ""
-        return SignalColumn(column=column.name, unit=units.get(name, column.unit), time=own)
+        return mapping.SignalColumn(column=column.name, unit=units.get(name, column.unit), time=own)
 
-    return ImportMapping(
+    return mapping.ImportMapping(
         time=time,
         inputs={item.name: column_of(item.name) for item in rig.system.inputs},
         outputs={item.name: column_of(item.name) for item in rig.system.outputs},
@@ -140,7 +133,7 @@ def guessed(
 
 def time_of(
     file: LogFile, free: list[LogColumn], given: Mapping[str, str], units: Mapping[str, str], period: float
-) -> tuple[TimeColumn | str, list[LogColumn]]:
+) -> tuple[mapping.TimeColumn | str, list[LogColumn]]:
     """The times, or why there are none, and the columns that are left.
 
     given, units: the user's column and unit of "time", where they are there. period: of the samples [s], or 0.
@@ -169,19 +162,19 @@ def time_of(
         chosen = next(column for column in free if column.name in periods)
         values = file.read([chosen.name])[chosen.name]
         if np.isfinite(values).any():
-            period = float(np.nanmedian(values)) * (seconds_of(chosen.unit or "s") or 1.0)
+            period = float(np.nanmedian(values)) * (mapping.seconds_of(chosen.unit or "s") or 1.0)
     if period:
-        return TimeColumn(period=period), left
+        return mapping.TimeColumn(period=period), left
     if not name:
         return (
             f"{file.path}: no column is a time; name it (--column time=COLUMN), or give the sampling time (--period)"
         ), left
     unit = units.get("time") or file.columns[name].unit or _suffix(name, ("ms", "us", "ns", "min", "h")) or "s"
-    return TimeColumn(column=name, unit=unit), left
+    return mapping.TimeColumn(column=name, unit=unit), left
 
 
 def _is_time(column: LogColumn) -> bool:
-    return not column.unit or seconds_of(column.unit) is not None
+    return not column.unit or mapping.seconds_of(column.unit) is not None
 
 
 def _rises(file: LogFile, column: LogColumn) -> bool:
@@ -210,7 +203,7 @@ def _score(item: Variable, column: LogColumn, *, is_input: bool, alone: bool) ->
     bonus = 0.0
     if column.unit:
         try:
-            ratio(column.unit, item.unit)
+            mapping.ratio(column.unit, item.unit)
             bonus = 0.2
         except UserError:
             if named(column.unit) is not None and named(item.unit) is not None:

@@ -12,13 +12,8 @@ from scipy.signal import savgol_filter
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import symbolic_values
+from hybrid_sysid_ros.extensions.narx import term_selection
 from hybrid_sysid_ros.extensions.narx.residual_hybrid import ResidualHybrid, Term, coefficients, step_up
-from hybrid_sysid_ros.extensions.narx.term_selection import (
-    MOST,
-    exponents_of,
-    forward_selection,
-    least_criterion,
-)
 from hybrid_sysid_ros.identification.initial_values import FEATURE_SCALE
 from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.models.fit import PreparedRecord
@@ -168,7 +163,7 @@ def _terms(rows: Array, target: Array, residuals: int, options: Options) -> tupl
     rows (steps, r), the last ``residuals`` columns of the residuals themselves; target (steps,).
     """
     degree, wanted, width = int(options["degree"]), int(options["terms"]), rows.shape[1]
-    candidates = exponents_of(width, degree) if degree else []
+    candidates = term_selection.exponents_of(width, degree) if degree else []
     linear = tuple(term for term in candidates if sum(term) < 2 and not any(term[width - residuals :]))
     products = [term for term in candidates if sum(term) > 1]
     if not products:
@@ -177,8 +172,10 @@ def _terms(rows: Array, target: Array, residuals: int, options: Options) -> tupl
     further = np.stack([target, *(np.prod(held**term, axis=1) for term in products)], axis=1)
     known = np.stack([np.prod(rows**term, axis=1) for term in linear], axis=1)
     left = further - known @ np.linalg.lstsq(known, further, rcond=None)[0]
-    chosen = forward_selection(left[:, 1:], left[:, 0], min(len(products), len(rows) - 1, wanted or MOST))
-    count = wanted or least_criterion(left[:, 1:][:, chosen], left[:, 0])
+    chosen = term_selection.forward_selection(
+        left[:, 1:], left[:, 0], min(len(products), len(rows) - 1, wanted or term_selection.MOST)
+    )
+    count = wanted or term_selection.least_criterion(left[:, 1:][:, chosen], left[:, 0])
     return (*linear, *(products[index] for index in chosen[:count]))
 
 

@@ -11,20 +11,11 @@ import numpy as np
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.core.parameters import scale_of
+from hybrid_sysid_ros.extensions.state_space import subspace
 from hybrid_sysid_ros.extensions.state_space.order_selection import Selection, comparable, rows_for, select_order
 from hybrid_sysid_ros.extensions.state_space.periods import spectrum_of
 from hybrid_sysid_ros.extensions.state_space.refinement import Refined, refine, unit_states, weights_of
 from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
-from hybrid_sysid_ros.extensions.state_space.subspace import (
-    Matrices,
-    Stretch,
-    completed,
-    in_frequency,
-    in_time,
-    observability,
-    poles_and_readout,
-    residuals,
-)
 from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
@@ -100,7 +91,7 @@ def identify_state_space(
     return Fit(system=system, relative_error=float(np.sqrt(best.mean_square)), seconds=seconds, evaluations=count)
 
 
-def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[Stretch], tuple[float, ...]]:
+def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[subspace.Stretch], tuple[float, ...]]:
     """Inputs and outputs from their means in their deviations, and these: means of outputs and inputs, deviations."""
     means, sizes = [], []
     for name in ("outputs", "inputs"):
@@ -117,7 +108,9 @@ def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[Stretch], tuple[flo
     return found, tuple(np.concatenate([*means, *sizes]).tolist())
 
 
-def _selected(stretches: Sequence[Stretch], settings: StateSpaceSettings, known: int, tell: Progress) -> Selection:
+def _selected(
+    stretches: Sequence[subspace.Stretch], settings: StateSpaceSettings, known: int, tell: Progress
+) -> Selection:
     if settings.order:
         _check_length(stretches, settings.order)
         if settings.through is not None:
@@ -132,7 +125,7 @@ def _selected(stretches: Sequence[Stretch], settings: StateSpaceSettings, known:
     )
 
 
-def _check_length(stretches: Sequence[Stretch], order: int) -> None:
+def _check_length(stretches: Sequence[subspace.Stretch], order: int) -> None:
     """Raise UserError where the samples are fewer than a subspace of that order needs."""
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
     rows = rows_for(order)
@@ -144,26 +137,26 @@ def _check_length(stretches: Sequence[Stretch], order: int) -> None:
         )
 
 
-def _start(stretches: Sequence[Stretch], selection: Selection) -> Matrices:
+def _start(stretches: Sequence[subspace.Stretch], selection: Selection) -> subspace.Matrices:
     """The best of the subspace starts in time and, for periodic records, in frequency."""
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
     rows = rows_for(selection.order)
-    factors = [in_time(stretches, rows)]
+    factors = [subspace.in_time(stretches, rows)]
     spectra = [found for found in map(spectrum_of, stretches) if found is not None]
     if spectra and 2 * sum(len(item.z) for item in spectra) > 2 * rows * (m + p):
-        factors.append(in_frequency(spectra, rows))
+        factors.append(subspace.in_frequency(spectra, rows))
     models = []
     for factor in factors:
-        a, c = poles_and_readout(observability(factor, rows, m, p)[0], selection.order, p)
-        models.append(completed(a, c, stretches, selection.through))
-    squares = [sum(float(np.sum(residuals(model, *item) ** 2)) for item in stretches) for model in models]
+        a, c = subspace.poles_and_readout(subspace.observability(factor, rows, m, p)[0], selection.order, p)
+        models.append(subspace.completed(a, c, stretches, selection.through))
+    squares = [sum(float(np.sum(subspace.residuals(model, *item) ** 2)) for item in stretches) for model in models]
     return models[int(np.argmin(squares))]
 
 
 def _refined(
     weights: Array,
     sizes: Sizes,
-    stretches: Sequence[Stretch],
+    stretches: Sequence[subspace.Stretch],
     selection: Selection,
     settings: StateSpaceSettings,
     stage: str,

@@ -8,15 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.state_space.subspace import (
-    Stretch,
-    completed,
-    in_time,
-    observability,
-    poles_and_readout,
-    residuals,
-    triangular_factor,
-)
+from hybrid_sysid_ros.extensions.state_space import subspace
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -58,7 +50,7 @@ def rows_for(highest: int) -> int:
     return max(2 * highest, 8)
 
 
-def blocks_of(stretches: Sequence[Stretch], shortest: int) -> list[Stretch]:
+def blocks_of(stretches: Sequence[subspace.Stretch], shortest: int) -> list[subspace.Stretch]:
     """Stretches cut into some BLOCKS blocks, none shorter than ``shortest`` samples."""
     total = sum(len(inputs) for inputs, _ in stretches)
     found = []
@@ -69,7 +61,7 @@ def blocks_of(stretches: Sequence[Stretch], shortest: int) -> list[Stretch]:
     return found
 
 
-def comparable(stretches: Sequence[Stretch], highest: int) -> list[int]:
+def comparable(stretches: Sequence[subspace.Stretch], highest: int) -> list[int]:
     """The orders up to ``highest`` that these stretches allow to compare. Raises UserError where there is none."""
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
     found = [n for n in ORDERS if n <= highest and _allowed(stretches, n, m, p)]
@@ -81,7 +73,7 @@ def comparable(stretches: Sequence[Stretch], highest: int) -> list[int]:
     return found
 
 
-def _allowed(stretches: Sequence[Stretch], order: int, m: int, p: int) -> bool:
+def _allowed(stretches: Sequence[subspace.Stretch], order: int, m: int, p: int) -> bool:
     rows = rows_for(order)
     lengths = [len(inputs) for inputs, _ in blocks_of(stretches, 4 * rows)]
     columns = [max(length - 2 * rows + 1, 0) for length in lengths]
@@ -89,7 +81,7 @@ def _allowed(stretches: Sequence[Stretch], order: int, m: int, p: int) -> bool:
 
 
 def select_order(
-    stretches: Sequence[Stretch],
+    stretches: Sequence[subspace.Stretch],
     *,
     orders: Sequence[int],
     through: bool | None,
@@ -109,21 +101,23 @@ def select_order(
             f"state space: {len(blocks[0][0])} samples can't be cut into blocks of {4 * rows}: give longer records, or "
             "order and feedthrough (--option order=2 --option feedthrough=0)"
         )
-    factors = [in_time([block], rows) for block in blocks]
+    factors = [subspace.in_time([block], rows) for block in blocks]
 
     def errors(order: int, directs: Sequence[Array], direct: bool) -> Array:
         found = []
         for held, directions in enumerate(directs):
             others = [block for k, block in enumerate(blocks) if k != held]
-            model = completed(*poles_and_readout(directions, order, p), others, direct)
-            wrong = residuals(model, *blocks[held], known=known)
+            model = subspace.completed(*subspace.poles_and_readout(directions, order, p), others, direct)
+            wrong = subspace.residuals(model, *blocks[held], known=known)
             found.append(float(np.mean(wrong**2)))
         return np.array(found)
 
     directs = []
     for held in range(len(blocks)):
-        joined = triangular_factor((factor for k, factor in enumerate(factors) if k != held), factors[0].shape[1])
-        directs.append(observability(joined, rows, m, p)[0])
+        joined = subspace.triangular_factor(
+            (factor for k, factor in enumerate(factors) if k != held), factors[0].shape[1]
+        )
+        directs.append(subspace.observability(joined, rows, m, p)[0])
     trials, squares = [], {}
     for order in orders:
         squares[order] = errors(order, directs, through is not False)

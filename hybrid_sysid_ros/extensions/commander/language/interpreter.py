@@ -6,22 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.commander.language import grammar
+from hybrid_sysid_ros.extensions.commander.language import commands, grammar
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST
 from hybrid_sysid_ros.extensions.commander.language.command_interface import Reply
-from hybrid_sysid_ros.extensions.commander.language.commands import (
-    Adjust,
-    Command,
-    Condition,
-    Goal,
-    Home,
-    Move,
-    PictureTarget,
-    Repeat,
-    Sentence,
-    Swing,
-    Undo,
-)
 from hybrid_sysid_ros.extensions.commander.language.eyes import Eyes
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Simulator, Start
@@ -43,7 +30,7 @@ class Interpreter:
     simulator: Simulator
     eyes: Eyes
     files: Files = field(default_factory=Files)
-    last: Sentence | None = None
+    last: commands.Sentence | None = None
     """What was carried out last, as whoever carries it out says."""
     origin: Array | None = None
     """Where the references were before (outputs,), as they are shown."""
@@ -57,43 +44,46 @@ class Interpreter:
         eyes = Eyes(vocabulary=vocabulary, folder=layers)
         return cls(vocabulary=vocabulary, simulator=simulator, eyes=eyes, files=Files(folder=folder))
 
-    def read(self, text: str) -> Sentence:
+    def read(self, text: str) -> commands.Sentence:
         """The commands of a text. Raises UserError for one that is not understood."""
         return self.unfolded(grammar.read(text, self.vocabulary, self.files))
 
-    def unfolded(self, sentence: Sentence) -> Sentence:
+    def unfolded(self, sentence: commands.Sentence) -> commands.Sentence:
         """With what was carried out last in the place of words for it; what waits for a condition is left as it is."""
         parts = tuple(part for item in sentence.commands for part in self._unfolded(item))
         if len(parts) > MOST:
             raise UserError(f"{len(parts)} parts with those that are repeated: a command has {MOST} at most")
         return replace(sentence, commands=parts)
 
-    def _unfolded(self, command: Command) -> tuple[Command, ...]:
+    def _unfolded(self, command: commands.Command) -> tuple[commands.Command, ...]:
         """What a command stands for."""
-        if isinstance(command, PictureTarget):
+        if isinstance(command, commands.PictureTarget):
             return (self.eyes.move(command),)
-        if isinstance(command, Adjust) and command.noun == "speed":
+        if isinstance(command, commands.Adjust) and command.noun == "speed":
             (output,) = self.vocabulary.of_kind("speed")
-            return (Move(goals=(Goal(output=output, value=command.value, share=True),), shape="smooth"),)
-        if not isinstance(command, Repeat | Undo | Adjust):
+            return (
+                commands.Move(goals=(commands.Goal(output=output, value=command.value, share=True),), shape="smooth"),
+            )
+        if not isinstance(command, commands.Repeat | commands.Undo | commands.Adjust):
             return (command,)
         if self.last is None or self.origin is None:
             raise UserError("nothing was carried out yet that could be repeated or changed: say what to do")
-        if isinstance(command, Undo):
+        if isinstance(command, commands.Undo):
             moved = [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
-            goals = tuple(Goal(output=k, value=float(self.origin[k])) for k in moved)
-            return (Move(goals=goals, shape="smooth", pace=command.pace),)
-        if isinstance(command, Adjust):
+            goals = tuple(commands.Goal(output=k, value=float(self.origin[k])) for k in moved)
+            return (commands.Move(goals=goals, shape="smooth", pace=command.pace),)
+        if isinstance(command, commands.Adjust):
             return tuple(self._adjusted(command, self.last))
         if not command.pace:
             return self.last.commands * command.times
         return tuple(
-            replace(one, pace=command.pace) if isinstance(one, Move | Home) else one for one in self.last.commands
+            replace(one, pace=command.pace) if isinstance(one, commands.Move | commands.Home) else one
+            for one in self.last.commands
         )
 
-    def _adjusted(self, command: Adjust, last: Sentence) -> list[Command]:
+    def _adjusted(self, command: commands.Adjust, last: commands.Sentence) -> list[commands.Command]:
         """The last swing with another amplitude or frequency."""
-        swings = [one for one in last.commands if isinstance(one, Swing)]
+        swings = [one for one in last.commands if isinstance(one, commands.Swing)]
         if len(swings) != 1 or swings[0].last_frequency:
             raise UserError(f"no swing was carried out last whose {command.noun} could change: say the whole command")
         (swing,) = swings
@@ -106,11 +96,11 @@ class Interpreter:
         middle, sign = 0.5 * (swing.low + swing.high), 1.0 if swing.high > swing.low else -1.0
         return [replace(swing, low=middle - sign * wanted, high=middle + sign * wanted)]
 
-    def note(self, sentence: Sentence, reference: Array) -> None:
+    def note(self, sentence: commands.Sentence, reference: Array) -> None:
         """Remember what is carried out, and from which references (outputs,)."""
         self.last, self.origin = sentence, np.array(reference)
 
-    def plan(self, sentence: Sentence, reference: Array) -> ReferencePlan:
+    def plan(self, sentence: commands.Sentence, reference: Array) -> ReferencePlan:
         """The plan of commands from references (outputs,), as they are shown. Raises UserError for what the rig can't
         reach.
         """
@@ -124,7 +114,7 @@ class Interpreter:
             raise UserError(found.refusal)
         return found
 
-    def story(self, sentence: Sentence, plan: ReferencePlan) -> str:
+    def story(self, sentence: commands.Sentence, plan: ReferencePlan) -> str:
         """A sentence as it was understood, in numbers."""
         parts = list(plan.story)
         if sentence.later is not None and sentence.condition is not None:
@@ -132,7 +122,7 @@ class Interpreter:
             parts += [f"{self.awaited(sentence.condition)}: {'; then '.join(later.story)}"]
         return "; then ".join(parts)
 
-    def awaited(self, condition: Condition) -> str:
+    def awaited(self, condition: commands.Condition) -> str:
         """A condition in words."""
         if condition.output is not None:
             output = self.vocabulary.outputs[condition.output]

@@ -6,18 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from hybrid_sysid_ros.extensions.commander.language import commands
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause
-from hybrid_sysid_ros.extensions.commander.language.commands import (
-    Adjust,
-    Command,
-    Follow,
-    Home,
-    Move,
-    PictureTarget,
-    Repeat,
-    Undo,
-    Wait,
-)
 from hybrid_sysid_ros.extensions.commander.language.files import Files, is_picture
 from hybrid_sysid_ros.extensions.commander.language.goals import Goals
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
@@ -78,11 +68,11 @@ class Meaning(Goals):
         roles = {item.role for item in self.left}
         return "" in roles and (self.clause.wish or "for" in roles)
 
-    def command(self) -> Command:
+    def command(self) -> commands.Command:
         """What the clause asks for."""
-        makers: Mapping[str, Callable[[], Command]] = {
-            "home": lambda: Home(pace=self.pace), "repeat": self.repeat,
-            "undo": lambda: Undo(pace=self.pace), "wait": self.wait, "follow": self.follow, "look": self.look,
+        makers: Mapping[str, Callable[[], commands.Command]] = {
+            "home": lambda: commands.Home(pace=self.pace), "repeat": self.repeat,
+            "undo": lambda: commands.Undo(pace=self.pace), "wait": self.wait, "follow": self.follow, "look": self.look,
             "swing": self.swing, "square": self.swing, "toggle": self.swing,
             "triangle": self.swing, "chirp": self.swing, "step": self.step,
             "hold": self.hold, "still": self.hold, "go": self.go, "ramp": lambda: self.move("straight"),
@@ -91,7 +81,7 @@ class Meaning(Goals):
         self.refuse_left(made)
         return made
 
-    def refuse_left(self, made: Command) -> None:
+    def refuse_left(self, made: commands.Command) -> None:
         """Raise UserError for what the clause says and the command did not take."""
         clause = self.clause
         if self.left:
@@ -106,10 +96,13 @@ class Meaning(Goals):
         said += ["smoothly"] if clause.smoothly and getattr(made, "shape", "smooth") != "smooth" else []
         for text in filter(None, said):
             raise UserError(f"{text!r} has no meaning with {self.verb} here: leave it out")
-        if isinstance(made, Home | Repeat | Undo | Wait | Follow) and clause.targets:
+        if (
+            isinstance(made, commands.Home | commands.Repeat | commands.Undo | commands.Wait | commands.Follow)
+            and clause.targets
+        ):
             raise UserError(f"{self.verb} takes no output: leave {self.vocabulary.outputs[clause.targets[0]].name} out")
 
-    def repeat(self) -> Command:
+    def repeat(self) -> commands.Command:
         """Once, or so many times; behind other commands that could mean these, too."""
         count = self.take(lambda item: item.base == COUNT)
         twice = [
@@ -123,24 +116,26 @@ class Meaning(Goals):
             )
         if not (times.is_integer() and 1.0 <= times <= MOST):
             raise UserError(f"repeat {times:g} times: give a whole number from 1 to {MOST}")
-        return Repeat(pace=self.pace, times=int(times))
+        return commands.Repeat(pace=self.pace, times=int(times))
 
-    def wait(self) -> Command:
+    def wait(self) -> commands.Command:
         seconds = self.seconds("", "for", "at", "in")
         if seconds is None:
             raise UserError("wait for how long? say for example 'wait 2 s', or 'hold' to stay here")
         self.clause.here = ""
-        return Wait(seconds=seconds)
+        return commands.Wait(seconds=seconds)
 
-    def follow(self) -> Command:
+    def follow(self) -> commands.Command:
         names = self.clause.names
         if len(names) != 1:
             own = ", ".join(self.vocabulary.rig.references) or "none"
             raise UserError(f"follow what? name one file of columns (FILE.csv), or a reference of the rig: {own}")
         name = names.pop()
-        return Follow(name=name, path=None if name in self.vocabulary.rig.references else self.files.find(name))
+        return commands.Follow(
+            name=name, path=None if name in self.vocabulary.rig.references else self.files.find(name)
+        )
 
-    def look(self) -> Command:
+    def look(self) -> commands.Command:
         names = self.clause.names
         if len(names) != 1 or not is_picture(names[0]):
             raise UserError("look like what? name one picture, as in 'look like goal.jpg'")
@@ -148,9 +143,11 @@ class Meaning(Goals):
         if self.pace and seconds:
             raise UserError(f"{self.pace} and a time contradict one another: leave one out")
         name = names.pop()
-        return PictureTarget(name=name, path=self.files.find(name), pace=self.pace, seconds=seconds, hold=hold or 0.0)
+        return commands.PictureTarget(
+            name=name, path=self.files.find(name), pace=self.pace, seconds=seconds, hold=hold or 0.0
+        )
 
-    def hold(self) -> Command:
+    def hold(self) -> commands.Command:
         clause = self.clause
         seconds = self.seconds("for")
         if not self.left and not clause.shares:
@@ -168,7 +165,7 @@ class Meaning(Goals):
         clause.here = ""
         return replace(self.move("smooth"), hold=seconds or 0.0)
 
-    def stay(self, seconds: float) -> Command:
+    def stay(self, seconds: float) -> commands.Command:
         """Where it is. A speed that stays is no standstill, so what is meant is asked."""
         self.clause.here = ""
         rates = [k for k in self.vocabulary.tracked if self.vocabulary.of_kind("speed").count(k)]
@@ -176,22 +173,22 @@ class Meaning(Goals):
         kept = self.clause.targets
         self.clause.targets = []
         if self.verb == "still" and only and not seconds:
-            return Home(pace=self.pace)
+            return commands.Home(pace=self.pace)
         if rates and not seconds and not self.behind and not (kept and set(kept) <= set(rates)) and only:
             name = self.vocabulary.outputs[rates[0]].name
             raise UserError(
                 f"do you mean to keep the {name} that it has, or to stand still? say 'keep the speed', or 'go to 0'"
             )
-        return Wait(seconds=seconds)
+        return commands.Wait(seconds=seconds)
 
-    def step(self) -> Command:
+    def step(self) -> commands.Command:
         pairs = [item for item in self.left if item.role == "between"]
         return self.swing() if pairs else self.move("step")
 
-    def swing(self) -> Command:
+    def swing(self) -> commands.Command:
         return SwingMeaning(self, self.verb).command()
 
-    def go(self) -> Command:
+    def go(self) -> commands.Command:
         clause = self.clause
         if clause.comparatives and not self.changed():
             return self.compared()
@@ -212,16 +209,16 @@ class Meaning(Goals):
         self.clause.directions.append(Symbol("U", math.copysign(1.0, factor - 1.0), text))
         return True
 
-    def compared(self) -> Command:
+    def compared(self) -> commands.Command:
         """What "slower" asks for: of a speed another value, of the last swing another frequency."""
         ((factor, text), *more) = self.clause.comparatives
         if more or self.left or self.clause.shares:
             raise UserError(f"{text!r} by how much? say it alone, or a value alone, as in 'go to 1 {self.example}'")
         targets, self.clause.comparatives = self.clause.targets or self.vocabulary.of_kind("speed"), []
         self.clause.targets = []
-        return Adjust(noun="speed" if len(targets) == 1 else "frequency", value=factor, how="times")
+        return commands.Adjust(noun="speed" if len(targets) == 1 else "frequency", value=factor, how="times")
 
-    def adjust(self, noun: str) -> Command:
+    def adjust(self, noun: str) -> commands.Command:
         """Another amplitude or frequency of the last swing."""
         clause = self.clause
         sign = self.direction()
@@ -232,19 +229,21 @@ class Meaning(Goals):
             raise UserError(f"{noun} to what? say for example 'swing with an amplitude of 1 {self.example} at 0.5 Hz'")
         if share is not None:
             factor = share.factor if share.role != "by" else 1.0 + (sign or 1.0) * share.factor
-            return Adjust(noun=noun, value=factor, how="times")
+            return commands.Adjust(noun=noun, value=factor, how="times")
         assert quantity is not None
         relative = quantity.role == "by" or (sign != 0.0 and quantity.role == "")
         if quantity.base == PERCENT:
             factor = 0.01 * quantity.value
-            return Adjust(noun=noun, value=1.0 + (sign or 1.0) * factor if relative else factor, how="times")
+            return commands.Adjust(noun=noun, value=1.0 + (sign or 1.0) * factor if relative else factor, how="times")
         if noun == "frequency" and quantity.base != FREQUENCY:
             raise UserError(f"{described(quantity)} is no frequency: give it in Hz")
         output = self.output(quantity)
         value = quantity.said if noun == "frequency" else self.value(quantity, output, relative=True)
-        return Adjust(noun=noun, value=(sign or 1.0) * value if relative else value, how="by" if relative else "to")
+        return commands.Adjust(
+            noun=noun, value=(sign or 1.0) * value if relative else value, how="by" if relative else "to"
+        )
 
-    def move(self, shape: str) -> Move:
+    def move(self, shape: str) -> commands.Move:
         """To one or several goals."""
         begin = self.one("from")
         for item in [each for each in self.left if each.role == "range"]:
@@ -266,7 +265,7 @@ class Meaning(Goals):
             raise UserError(f"from {begin.value:g} to where? say 'from 0 to 1 {self.example}'")
         goals = self.goals()
         output = self.vocabulary.outputs[goals[0].output]
-        return Move(
+        return commands.Move(
             goals=goals, shape=shape, begin=None if begin is None else self.value(begin, goals[0].output),
             pace=self.pace, seconds=seconds, rate=None if rate is None else abs(self.shown(rate, output, per=1)),
             hold=hold or 0.0,

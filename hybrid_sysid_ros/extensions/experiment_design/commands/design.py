@@ -31,7 +31,7 @@ FAR = 3.0
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    model: terminal.ModelFolder,
     rig: terminal.RigName = "",
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the experiment.")] = None,
     seconds: Annotated[float, typer.Option(help="Length of the experiment [s].", min=1.0, max=3600.0)] = 60.0,

@@ -28,8 +28,6 @@ PROTOCOL = 1
 """Of the frames: a number that both ends must have."""
 SEAL = 64
 """Characters of a model's seal at most."""
-TIME_LIMIT = 600.0
-"""Of building, and of the emulator [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.commands.demo import OUT
 from hybrid_sysid_ros.commands.terminal import print_lines, status
 from hybrid_sysid_ros.extensions.export.board.companion import BoardLoop
 from hybrid_sysid_ros.extensions.export.board.emulator import BoardEmulator
 from hybrid_sysid_ros.extensions.export.board.folder import BOARDS, MANIFEST, export_board, missing_tools
+from hybrid_sysid_ros.extensions.shared.demo_body import DemoBody, demo_folder
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.rigs.rig import default
@@ -31,13 +29,7 @@ BODIES = ("native", *BOARDS)
 
 
 def instead(
-    body: Annotated[
-        str,
-        typer.Option(
-            "--body",
-            help="Close the loop in C instead: native, a process of this computer; m7 or m4, an emulated board.",
-        ),
-    ] = "",
+    body: DemoBody = "",
     rig: str = "",
     out: Path | None = None,
     overwrite: bool = False,
@@ -49,7 +41,7 @@ def instead(
     if body not in BOARDS:
         return None
     chosen = load_rig(rig or default())
-    place = out or OUT.with_name(f"demo_{body}" if chosen.name == default() else f"demo_{body}_{chosen.name}")
+    place = demo_folder(out, body, chosen)
 
     def run() -> dict[str, Any]:
         if lacking := missing_tools():

@@ -7,23 +7,21 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, console
+from hybrid_sysid_ros.commands.terminal import ModelFolder, Overwrite, OwnRig, console
+from hybrid_sysid_ros.extensions.export.exported_loop import Daqp, exported_loop
 from hybrid_sysid_ros.extensions.export.fmu.export import FmuExport, export_controller, export_simulation
-from hybrid_sysid_ros.library.models import load_model
-from hybrid_sysid_ros.models import storage
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    model: ModelFolder,
     out: Annotated[Path, typer.Argument(help="File to write, NAME.fmu.")],
     rig: OwnRig = "",
     plant: Annotated[bool, typer.Option("--plant", help="The rig's simulated plant in place of the model.")] = False,
     controller: Annotated[bool, typer.Option("--controller", help="Estimator and exact MPC of the model.")] = False,
     policy: Annotated[Path | None, typer.Option(help="Policy folder, for --controller: it drives if checked.")] = None,
-    daqp: Annotated[Path | None, typer.Option(help="Folder of DAQP's C sources, without network.")] = None,
+    daqp: Daqp = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a functional mock-up unit, FMI 3.0 for co-simulation with its sources, if it answers as Python does."""
@@ -32,17 +30,11 @@ def command(
         raise UserError("--plant and --controller are two FMUs: write one after the other")
     if (policy or daqp) and not controller:
         raise UserError("--policy and --daqp are for --controller: add it, or leave them out")
-    loaded = load_model(model, rig=rig)
-    own, seal = load_rig(rig or loaded.rig), storage.digest(model, kind="model")
+    own, loaded, given = exported_loop(model, rig, policy, daqp)
     if controller:
-        driver = {} if policy is None else {"policy": "supervised", "policy_path": str(policy)}
-        seals = {} if policy is None else {"policy_seal": storage.digest(policy, kind="policy")}
-        done = export_controller(
-            own, loaded, out, settings={"real_time": True, **driver}, seal=seal, source=daqp, overwrite=overwrite,
-            **seals,
-        )  # fmt: skip
+        done = export_controller(own, loaded, out, **given, overwrite=overwrite)
     else:
-        done = export_simulation(own, out, model=None if plant else loaded, seal=seal, overwrite=overwrite)
+        done = export_simulation(own, out, model=None if plant else loaded, seal=given["seal"], overwrite=overwrite)
     console.print(f"{out}: {described(done)}")
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, console
+from hybrid_sysid_ros.commands.terminal import ModelFolder, Overwrite, OwnRig, console
 from hybrid_sysid_ros.extensions.export.casadi_functions import STEP
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.library.policies import export
@@ -15,13 +15,13 @@ from hybrid_sysid_ros.support.files import check_folder
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    model: ModelFolder,
     out: Annotated[Path, typer.Argument(help="Folder for step.casadi, output.casadi and model.json.")],
     step: Annotated[float, typer.Option(help="Length of the exported step [s]; 0: the model's own step.")] = 0.0,
     smoothing: Annotated[
         float, typer.Option(help="Velocity over which stick-slip is rounded, for solvers; 0: exact.", min=0.0)
     ] = 0.0,
-    rig: Annotated[str, typer.Option("--rig", help="Folder of the model's rig, if it is not known by name.")] = "",
+    rig: OwnRig = "",
     overwrite: Overwrite = False,
 ) -> None:
     """Write a model as CasADi functions, for do-mpc, acados or a script."""

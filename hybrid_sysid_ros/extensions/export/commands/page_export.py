@@ -7,38 +7,24 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, console
+from hybrid_sysid_ros.commands.terminal import ModelFolder, Overwrite, OwnRig, console
+from hybrid_sysid_ros.extensions.export.exported_loop import Daqp, exported_loop
 from hybrid_sysid_ros.extensions.export.page.export import PERIODS, export_page
-from hybrid_sysid_ros.library.models import load_model
-from hybrid_sysid_ros.models import storage
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_file
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    model: ModelFolder,
     out: Annotated[Path, typer.Argument(help="File to write, NAME.html.")],
     rig: OwnRig = "",
     policy: Annotated[Path | None, typer.Option(help="Policy folder: it can drive, too, supervised.")] = None,
-    daqp: Annotated[Path | None, typer.Option(help="Folder of DAQP's C sources, without network.")] = None,
+    daqp: Daqp = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page on which the identified rig and its controller run, without a server, if they run as in Python."""
     check_file(out, suffix=".html", replace=overwrite)
-    loaded = load_model(model, rig=rig)
-    driver = None
-    if policy is not None:
-        seal = storage.digest(policy, kind="policy")
-        driver = {"settings": {"policy_path": str(policy)}, "policy_seal": seal}
-    done = export_page(
-        load_rig(rig or loaded.rig),
-        loaded,
-        out,
-        seal=storage.digest(model, kind="model"),
-        policy=driver,
-        source=daqp,
-        overwrite=overwrite,
-    )
+    described, loaded, given = exported_loop(model, rig, policy, daqp)
+    done = export_page(described, loaded, out, **given, overwrite=overwrite)
     for name, difference in done.differences.items():
         console.print(f"{out}: {PERIODS} periods with the controller {name} as in Python, to {difference:.1e} (node)")
     if not done.differences:

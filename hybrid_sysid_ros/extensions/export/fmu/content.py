@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from hybrid_sysid_ros.core.declaration import Variable
 from hybrid_sysid_ros.extensions.export.c_source import Text
@@ -86,40 +87,31 @@ def stubs(headers: Mapping[str, str], own: str) -> str:
 
 def of_simulation(simulation: Simulation, *, title: str) -> FmuContent:
     """The content of a model's or a plant's FMU."""
-    system, name = simulation.system, simulation.name
-    variables = [TIME]
-    for j, (item, actuator) in enumerate(zip(system.inputs, simulation.rig.actuators, strict=True)):
-        variables.append(
-            FmuVariable(
-                name=structured(item.name), causality="input", place=f"unit.inputs[{j}]", unit=item.unit,
-                start=actuator.rest, low=actuator.low, high=actuator.high, description="Held over a step",
-            )
-        )  # fmt: skip
+    system, name, actuators = simulation.system, simulation.name, simulation.rig.actuators
+    tunable: dict[str, Any] = {"causality": "parameter", "variability": "tunable", "checked": True}
+    variables = [
+        TIME,
+        *_each(
+            system.inputs, "unit.inputs", causality="input", description="Held over a step",
+            start=[item.rest for item in actuators], low=[item.low for item in actuators],
+            high=[item.high for item in actuators],
+        ),
+    ]  # fmt: skip
     variables += _outputs(system.outputs, "unit.outputs", variables)
-    for i, item in enumerate(system.states):
-        variables.append(
-            FmuVariable(
-                name=structured("state", item.name), causality="local", place=f"unit.state[{i}]", unit=item.unit,
-                start=0.0, checked=True, description="State; it may be set before the first step",
-            )
-        )  # fmt: skip
-    for i, (parameter, value) in enumerate(zip(system.parameters, system.values, strict=True)):
-        if not parameter.learned and parameter.name not in simulation.constant_parameters:
-            variables.append(
-                FmuVariable(
-                    name=structured("parameter", parameter.name), causality="parameter", variability="tunable",
-                    place=f"unit.parameters[{i}]", unit=parameter.unit, start=float(value), low=parameter.low,
-                    high=parameter.high, checked=True, description=parameter.description,
-                )
-            )  # fmt: skip
-    for j, item in enumerate(system.inputs):
-        variables.append(
-            FmuVariable(
-                name=structured("bias", item.name), causality="parameter", variability="tunable",
-                place=f"unit.bias[{j}]", unit=item.unit, start=simulation.bias[j], checked=True,
-                description="What acts beside the input, such as a push",
-            )
-        )  # fmt: skip
+    text = "State; it may be set before the first step"
+    variables += _each(
+        system.states, "unit.state", "state.", causality="local", start=0.0, checked=True, description=text
+    )
+    variables += [
+        FmuVariable(
+            name=structured("parameter", parameter.name), place=f"unit.parameters[{i}]", unit=parameter.unit,
+            start=float(value), low=parameter.low, high=parameter.high, description=parameter.description, **tunable,
+        )
+        for i, (parameter, value) in enumerate(zip(system.parameters, system.values, strict=True))
+        if not parameter.learned and parameter.name not in simulation.constant_parameters
+    ]  # fmt: skip
+    text = "What acts beside the input, such as a push"
+    variables += _each(system.inputs, "unit.bias", "bias.", start=simulation.bias, description=text, **tunable)
     files = simulation.texts(about=title)
     return FmuContent(
         identifier=name, unit=name, title=title, period=simulation.rig.step, variables=variables,
@@ -130,103 +122,82 @@ def of_simulation(simulation: Simulation, *, title: str) -> FmuContent:
 
 def of_loop(rig: Rig, python: PythonLoop, folder: Path, *, name: str, title: str) -> FmuContent:
     """The content of a controller's FMU. folder: of the exported loop. name: of its unit."""
-    system, horizon = python.estimator.system, python.mpc.horizon
-    variables = [TIME]
-    for j, item in enumerate(system.outputs):
-        variables.append(
-            FmuVariable(
-                name=structured(f"measured_{item.name}"), causality="input", place=f"outputs[{j}]", unit=item.unit,
-                start=0.0, description="Reading at the beginning of a step; not a number where it is missing",
-            )
-        )  # fmt: skip
-    for j, item in enumerate(system.outputs):
-        variables.append(
-            FmuVariable(
-                name=structured(f"reference_{item.name}"), causality="input", place=f"reference[{j}]", unit=item.unit,
-                start=0.0, description="Reference, held over the horizon",
-            )
-        )  # fmt: skip
-    for j, item in enumerate(system.outputs):
-        variables.append(
-            FmuVariable(
-                name=structured(f"preview_{item.name}"), causality="input", place=f"preview[{j}]", unit=item.unit,
-                start=0.0, size=horizon,
-                description=f"References every {python.mpc.period:g} s of the horizon, if preview_given",
-            )
-        )  # fmt: skip
-    for j, item in enumerate(system.inputs):
-        variables.append(
-            FmuVariable(
-                name=structured(f"applied_{item.name}"), causality="input", place=f"applied[{j}]", unit=item.unit,
-                start=0.0, description="Mean of what acted since the step before, if applied_given",
-            )
-        )  # fmt: skip
-    for flag, text in (("preview", "preview_* in place of reference_*"), ("applied", "applied_* in place of commands")):
-        variables.append(
+    system, horizon, (low, high) = python.estimator.system, python.mpc.horizon, python.limits
+    m, p, given = len(system.inputs), len(system.outputs), {"causality": "input", "start": 0.0}
+    reading = "Reading at the beginning of a step; not a number where it is missing"
+    previewed = f"References every {python.mpc.period:g} s of the horizon, if preview_given"
+    applied = "Mean of what acted since the step before, if applied_given"
+    variables = [
+        TIME,
+        *_each(system.outputs, "outputs", "measured_", description=reading, **given),
+        *_each(system.outputs, "reference", "reference_", description="Reference, held over the horizon", **given),
+        *_each(system.outputs, "preview", "preview_", size=horizon, description=previewed, **given),
+        *_each(system.inputs, "applied", "applied_", description=applied, **given),
+        *(
             FmuVariable(
                 name=f"{flag}_given", causality="parameter", variability="fixed", kind="Boolean",
                 place=f"{flag}_given", start=0.0, description=f"Whether to take {text}",
             )
-        )  # fmt: skip
-    low, high = python.limits
-    for j, item in enumerate(system.inputs):
-        variables.append(
-            FmuVariable(
-                name=structured(item.name), causality="output", place=f"command.inputs[{j}]", unit=item.unit,
-                low=float(low[j]), high=float(high[j]), description="Command for this step",
+            for flag, text in (
+                ("preview", "preview_* in place of reference_*"), ("applied", "applied_* in place of commands")
             )
-        )  # fmt: skip
-    variables.append(
+        ),
+        *_each(
+            system.inputs, "command.inputs", causality="output", low=low.tolist(), high=high.tolist(),
+            description="Command for this step",
+        ),
         FmuVariable(
             name="status", causality="output", kind="Enumeration", place="command.status",
             description="How the command was found",
-        )
-    )  # fmt: skip
-    variables += _outputs(python.mpc.system.states, "command.state", variables, "estimate", "Estimate at the reading")
+        ),
+    ]  # fmt: skip
+    variables += _outputs(python.mpc.system.states, "command.state", variables, "estimate.", "Estimate at the reading")
     units = [Variable(name=item.name, unit=item.unit) for item in system.inputs]
-    variables += _outputs(units, "command.disturbance", variables, "disturbance", "Estimated offset of the input")
-    m, p = len(system.inputs), len(system.outputs)
+    variables += _outputs(units, "command.disturbance", variables, "disturbance.", "Estimated offset of the input")
     members = [
         f"double outputs[{p}];", f"double reference[{p}];", f"double preview[{p}][{horizon}];", f"double applied[{m}];",
         "int preview_given, applied_given;", f"{name}_command command;", f"{name}_memory unit;",
     ]  # fmt: skip
-    files = {path.name: path.read_text(encoding="utf-8") for path in sorted((folder / "daqp").glob("*.[ch]"))}
-    files |= {f"{name}{ending}": (folder / f"{name}{ending}").read_text(encoding="utf-8") for ending in (".c", ".h")}
-    files |= {f"{name}_solver.c": solver(name, [file for file in files if (folder / "daqp" / file).is_file()])}
     return FmuContent(
         identifier=f"{name}_controller", unit=name, title=title, period=python.estimator.period, variables=variables,
-        members="\n".join(f"    {line}" for line in members), template="loop.c", files=files,
+        members="\n".join(f"    {line}" for line in members), template="loop.c", files=files_of(folder, name),
         compiled=[f"{name}.c", f"{name}_solver.c"], statuses=STATUSES,
     )  # fmt: skip
 
 
-def solver(name: str, files: Sequence[str]) -> str:
-    """One C file of all DAQP's, which gets its memory from the loop's."""
+def files_of(folder: Path, name: str) -> dict[str, str]:
+    """The texts of an exported loop's files, and NAME_solver.c: all of DAQP, which gets its memory from the loop's."""
+    daqp, own = sorted((folder / "daqp").glob("*.[ch]")), (folder / f"{name}{ending}" for ending in (".c", ".h"))
+    files = {path.name: path.read_text(encoding="utf-8") for path in (*daqp, *own)}
     renamed = ("malloc", "allocate"), ("calloc", "allocate_zeros"), ("free", "release")
     lines = ["/* DAQP, with the loop's memory in place of malloc's. Generated; do not edit. */"]
-    lines += [
-        "#include <math.h>",
-        "#include <stddef.h>",
-        "#include <stdio.h>",
-        "#include <stdlib.h>",
-        "#include <string.h>",
-    ]
+    lines += [f"#include <{header}.h>" for header in ("math", "stddef", "stdio", "stdlib", "string")]
     lines += ["", f"void *{name}_allocate(size_t size);", f"void *{name}_allocate_zeros(size_t count, size_t size);"]
     lines += [f"void {name}_release(void *memory);", ""]
     lines += [f"#define {old} {name}_{new}" for old, new in renamed]
-    return "\n".join([*lines, "", *(f'#include "{file}"' for file in files if file.endswith(".c")), ""])
+    lines += ["", *(f'#include "{path.name}"' for path in daqp if path.suffix == ".c"), ""]
+    return files | {f"{name}_solver.c": "\n".join(lines)}
+
+
+def _each(items: Sequence[Variable], place: str, prefix: str = "", **given: Any) -> list[FmuVariable]:
+    """A variable for each item. prefix: of the names; up to a point it is a structure. given: further fields; a list
+    has a value for each.
+    """
+    *groups, begin = prefix.split(".")
+    return [
+        FmuVariable(
+            name=structured(*groups, begin + item.name), place=f"{place}[{k}]", unit=item.unit,
+            **{name: value[k] if isinstance(value, Sequence) and not isinstance(value, str) else value
+               for name, value in given.items()},
+        )
+        for k, item in enumerate(items)
+    ]  # fmt: skip
 
 
 def _outputs(
-    items: Sequence[Variable], place: str, known: Sequence[FmuVariable], group: str = "", text: str = "Reading"
+    items: Sequence[Variable], place: str, known: Sequence[FmuVariable], prefix: str = "", text: str = "Reading"
 ) -> list[FmuVariable]:
     """Output variables. known: those before, whose names are taken."""
     taken = {item.name for item in known}
-    found = []
-    for j, item in enumerate(items):
-        name = structured(group, item.name) if group else structured(item.name)
-        name = structured("output", item.name) if name in taken else name
-        found.append(
-            FmuVariable(name=name, causality="output", place=f"{place}[{j}]", unit=item.unit, description=text)
-        )
-    return found
+    found = _each(items, place, prefix, causality="output", description=text)
+    return [replace(item, name=f"output.{item.name}") if item.name in taken else item for item in found]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import platform
-import subprocess
 import uuid
 import zipfile
 from collections.abc import Mapping
@@ -28,7 +27,6 @@ from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.replay import recorded
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file, written_file
 
@@ -43,8 +41,6 @@ rig makes much of the last bit.
 SHOWN = 10.0
 """Default length of a simulation [s]."""
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-fvisibility=hidden")
-TIME_LIMIT = 300.0
-"""Of compiling [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,16 +101,14 @@ def export_controller(
             return _export(content, by, difference, periods)
 
 
-def export_given(model: Model, file: Path, *, policy: Policy | None, policy_seal: str, overwrite: bool) -> None:
-    """A model's FMU, or with a policy that of its supervised controller, of objects in memory."""
-    rig = load_rig(model.rig)
-    if policy is None:
-        export_simulation(rig, file, model=model, seal=model.seal, overwrite=overwrite)
-    else:
-        export_controller(
-            rig, model, file, settings={"real_time": True, "policy": "supervised"}, seal=model.seal, network=policy,
-            policy_seal=policy_seal, overwrite=overwrite,
-        )  # fmt: skip
+def export_fmu(
+    rig: Rig, model: Model, out: Path | str, *,
+    seal: str, network: Policy | None = None, overwrite: bool = False, **more: Any,
+) -> FmuExport:  # fmt: skip
+    """The FMU of a model, or with a network that of its supervised controller."""
+    if network is None:
+        return export_simulation(rig, out, model=model, seal=seal, overwrite=overwrite)
+    return export_controller(rig, model, out, seal=seal, network=network, overwrite=overwrite, **more)
 
 
 def _export(content: FmuContent, by: str, difference: float | None, periods: int) -> FmuExport:
@@ -171,21 +165,15 @@ def _build(root: Path, identifier: str, compiled: list[str]) -> str:
         own = name == f"{identifier}_fmu.c"
         objects.append(root.parent / f"{root.name}_{name}.o")
         warnings = (*WARNINGS, "-Werror") if own else ("-w",)
-        _run([found, *FLAGS, *warnings, "-c", str(root / "sources" / name), "-o", str(objects[-1])], name)
-    _run([found, "-shared", *map(str, objects), "-o", str(folder / f"{identifier}.so"), "-lm"], identifier)
+        compiler.compile_source(
+            [found, *FLAGS, *warnings, "-c", str(root / "sources" / name), "-o", str(objects[-1])], name
+        )
+    compiler.compile_source(
+        [found, "-shared", *map(str, objects), "-o", str(folder / f"{identifier}.so"), "-lm"], identifier
+    )
     for path in objects:
         path.unlink()
     return f"{found} {' '.join(FLAGS)}"
-
-
-def _run(command: list[str], what: str) -> None:
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise UserError(f"{what}: {command[0]} can't be run: {error}") from error
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if "error" in line] or ["it says nothing"]
-        raise UserError(f"{what}: {command[0]} does not compile it: {lines[0].strip()}; report this")
 
 
 def _page(content: FmuContent) -> str:

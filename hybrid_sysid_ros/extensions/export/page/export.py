@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.extensions.export.c_source import Text
-from hybrid_sysid_ros.extensions.export.fmu.content import STATUSES, solver
+from hybrid_sysid_ros.extensions.export.fmu.content import STATUSES, files_of
 from hybrid_sysid_ros.extensions.export.page import node_check
 from hybrid_sysid_ros.extensions.export.page.web_assembly import check_compiler, library_licence, module_of
 from hybrid_sysid_ros.extensions.export.simulation.simulation import Simulation
@@ -25,7 +24,6 @@ from hybrid_sysid_ros.extensions.export.unit.folder import export_loop, unit_nam
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop, loop_in_python
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -40,6 +38,7 @@ SEAL = 12
 """Digits of the model's seal that are shown."""
 PUSH = 0.1
 """Of the range of an input."""
+REAL_TIME: Mapping[str, Any] = {"real_time": True}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,10 +51,10 @@ class PageExport:
 
 def export_page(
     rig: Rig, model: Model, out: Path | str, *,
-    seal: str, policy: Mapping[str, Any] | None = None, source: Path | None = None, overwrite: bool = False,
+    seal: str, settings: Mapping[str, Any] = REAL_TIME, overwrite: bool = False, **more: Any,
 ) -> PageExport:  # fmt: skip
-    """Write a page with a model and its controllers. policy: settings and arguments of
-    :func:`~..unit.folder.export_loop` of one that drives, too. source: folder of DAQP's C.
+    """Write a page with a model and its exact MPC, and the policy of the settings, if there is one. The arguments are
+    those of :func:`~..unit.folder.export_loop`.
 
     Raises UserError where the place can't be written, without a compiler for WebAssembly, for what can't be printed,
     and where the page's code answers otherwise than Python.
@@ -64,12 +63,12 @@ def export_page(
     check_compiler()
     simulation = Simulation.of_model(f"{unit_name(rig.name)}_model", rig, model, stops=True)
     texts = simulation.texts(about=f"{model.structure} of {rig.name}, {seal}")
-    chosen: dict[str, dict[str, Any]] = {"exact": {"settings": {"real_time": True}}}
-    if policy is not None:
-        chosen["supervised"] = {**policy, "settings": {"real_time": True, "policy": "supervised", **policy["settings"]}}
+    chosen: dict[str, dict[str, Any]] = {"exact": {"settings": REAL_TIME, "source": more.get("source")}}
+    if "policy" in settings:
+        chosen["supervised"] = {"settings": settings, **more}
     loops, drivers = dict[str, PythonLoop](), dict[str, str]()
     for name, given in chosen.items():
-        module, licence = _loop(rig, model, seal=seal, source=source, **given)
+        module, licence = _loop(rig, model, seal=seal, **given)
         drivers[name] = _packed(module)
         loops[name] = loop_in_python(rig, model, given["settings"], given.get("network"))
     plant = {**texts, "page.c": _glue("plant.c", simulation.name)}
@@ -87,25 +86,14 @@ def export_page(
     return PageExport(differences=differences, bytes=len(text.encode()))
 
 
-def export_given(model: Model, file: Path, *, policy: Policy | None, policy_seal: str, overwrite: bool) -> None:
-    """:func:`export_page` of objects in memory."""
-    driver = None if policy is None else {"settings": {}, "network": policy, "policy_seal": policy_seal}
-    export_page(load_rig(model.rig), model, file, seal=model.seal, policy=driver, overwrite=overwrite)
-
-
 def _loop(rig: Rig, model: Model, **given: Any) -> tuple[bytes, str]:
     """A loop's unit as WebAssembly, and the licence of its solver."""
     with TemporaryDirectory() as scratch:
         folder = Path(scratch) / "loop"
         done = export_loop(rig, model, folder, **given)
-        files = {path.name: path.read_text(encoding="utf-8") for path in sorted((folder / "daqp").glob("*.[ch]"))}
-        solved = solver(done.name, list(files))
+        files = files_of(folder, done.name) | {"page.c": _glue("loop.c", done.name)}
         licence = (folder / "daqp" / "LICENSE").read_text(encoding="utf-8")
-        files |= {
-            f"{done.name}{end}": (folder / f"{done.name}{end}").read_text(encoding="utf-8") for end in (".c", ".h")
-        }
-    files |= {"solver_of_all.c": solved, "page.c": _glue("loop.c", done.name)}
-    return module_of(files, [f"{done.name}.c", "solver_of_all.c", "page.c"]), licence
+    return module_of(files, [f"{done.name}.c", f"{done.name}_solver.c", "page.c"]), licence
 
 
 def _glue(file: str, name: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.simulation.simulation import Simulation
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-TIME_LIMIT = 300.0
-"""[s]."""
 MAIN = """
 const task = JSON.parse(require("fs").readFileSync("task.json"));
 Rig.of(task.data).then((rig) => {
@@ -42,12 +40,7 @@ def run(code: str, data: Mapping[str, Any], driver: str, references: Array, bias
     with TemporaryDirectory() as scratch:
         (Path(scratch) / "task.json").write_text(json.dumps(task), encoding="utf-8")
         (Path(scratch) / "page.js").write_text(code + MAIN, encoding="utf-8")
-        try:
-            done = subprocess.run(
-                [node, "page.js"], cwd=scratch, capture_output=True, text=True, timeout=TIME_LIMIT, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise UserError(f"export: node can't be run: {error}") from error
+        done = compiler.run([node, "page.js"], folder=Path(scratch))
     if done.returncode or not done.stdout:
         last = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
         raise UserError(f"export: node can't run the page's code: {last}; report this")

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from hybrid_sysid_ros.extensions.export.compiler import compile_source
 from hybrid_sysid_ros.support.errors import UserError
 
 FLAGS = (
     "-target", "wasm32-wasi", "-mexec-model=reactor", "-std=c99", "-O2", "-w",
     "-Wl,--gc-sections", "-Wl,--strip-all", "-Wl,-z,stack-size=262144",
 )  # fmt: skip
-TIME_LIMIT = 900.0
-"""Of compiling [s]; the first time the C library is compiled, too."""
 
 
 def check_compiler() -> None:
@@ -46,13 +44,5 @@ def module_of(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
         for name, text in files.items():
             (root / name).write_text(text, encoding="utf-8")
         command = [sys.executable, "-m", "ziglang", "cc", *FLAGS, *sources, "-o", "module.wasm"]
-        try:
-            done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
-        except subprocess.TimeoutExpired as error:
-            raise UserError(f"export: ziglang is not ready after {TIME_LIMIT:g} s: is the machine busy?") from error
-        except OSError as error:
-            raise UserError(f"export: ziglang can't be run: {error}") from error
-        if done.returncode:
-            lines = [line for line in done.stderr.splitlines() if "error" in line] or ["it says nothing"]
-            raise UserError(f"export: ziglang does not compile {sources[0]}: {lines[0].strip()}; report this")
+        compile_source(command, f"export: {sources[0]}", root, by="ziglang")
         return (root / "module.wasm").read_bytes()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from hybrid_sysid_ros.extensions.export.robots.joint_dynamics import (
 )
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file, written_file
@@ -67,14 +67,7 @@ def export_robot(
     return RobotExport(joints=joints, remarks=notes, difference=difference)
 
 
-def export_urdf(model: Model, file: Path, *, policy: None, policy_seal: str, overwrite: bool) -> None:
-    """The URDF of a model in memory."""
-    export_robot(load_rig(model.rig), model, file, form="urdf", seal=model.seal, overwrite=overwrite)
-
-
-def export_mjcf(model: Model, file: Path, *, policy: None, policy_seal: str, overwrite: bool) -> None:
-    """The MJCF of a model in memory."""
-    export_robot(load_rig(model.rig), model, file, form="mjcf", seal=model.seal, overwrite=overwrite)
+export_urdf, export_mjcf = (partial(export_robot, form=form) for form in SUFFIXES)
 
 
 def compared(rig: Rig, model: Model, joints: Sequence[JointDynamics], text: str) -> float:

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.extensions.export.c_source import Text, number
 from hybrid_sysid_ros.extensions.export.unit.folder import UnitExport, export_loop, unit_name
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_folder, written_folder
 
 PACKAGE = Path(__file__).parent / "package"
@@ -49,15 +47,6 @@ def export_ros2_control(
             path.write_text(Text((PACKAGE / file).read_text(encoding="utf-8")).substitute(values), encoding="utf-8")
         shutil.copyfile(partial / "unit" / "daqp" / "LICENSE", partial / "LICENSE.daqp")
     return done
-
-
-def export_given(model: Model, folder: Path, *, policy: Policy | None, policy_seal: str, overwrite: bool) -> None:
-    """:func:`export_ros2_control` of objects in memory, in real time."""
-    settings = {"real_time": True} | ({} if policy is None else {"policy": "supervised"})
-    export_ros2_control(
-        load_rig(model.rig), model, folder, settings=settings, seal=model.seal, network=policy, policy_seal=policy_seal,
-        overwrite=overwrite,
-    )  # fmt: skip
 
 
 def _test_of_unit_stays_out(unit: Path) -> None:

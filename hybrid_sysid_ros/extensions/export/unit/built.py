@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from hybrid_sysid_ros.extensions.export.compiler import compile_source
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic")
 FLAGS = ("-std=c99", "-O2")
-TIME_LIMIT = 300.0
-"""Of compiling [s]."""
 
 
 class PeriodAnswer(NamedTuple):
@@ -40,23 +38,13 @@ def build(compiler: str, folder: Path, name: str, into: Path, *, flags: tuple[st
     renamed = [f"-Dmalloc={name}_allocate", f"-Dcalloc={name}_allocate_zeros", f"-Dfree={name}_release"]
     common = [compiler, *FLAGS, *flags, "-fPIC", "-I", str(folder), "-I", str(folder / "daqp"), "-c"]
     objects = [into / "unit.o"]
-    _run([*common, *WARNINGS, "-Werror", str(folder / f"{name}.c"), "-o", str(objects[0])], f"{name}.c")
+    compile_source([*common, *WARNINGS, "-Werror", str(folder / f"{name}.c"), "-o", str(objects[0])], f"{name}.c")
     for path in sorted((folder / "daqp").glob("*.c")):
         objects.append(into / f"daqp_{path.stem}.o")
-        _run([*common, "-w", *renamed, str(path), "-o", str(objects[-1])], path.name)
+        compile_source([*common, "-w", *renamed, str(path), "-o", str(objects[-1])], path.name)
     library = into / f"lib{name}.so"
-    _run([compiler, *flags, "-shared", *map(str, objects), "-o", str(library), "-lm"], f"{name}.c")
+    compile_source([compiler, *flags, "-shared", *map(str, objects), "-o", str(library), "-lm"], f"{name}.c")
     return library
-
-
-def _run(command: list[str], what: str) -> None:
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT, check=False)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise UserError(f"{what}: {command[0]} can't be run: {error}") from error
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if "error" in line] or ["it says nothing"]
-        raise UserError(f"{what}: {command[0]} does not compile it: {lines[0].strip()}")
 
 
 class BuiltUnit:

@@ -33,7 +33,6 @@ from hybrid_sysid_ros.extensions.export.unit.replay import (
 from hybrid_sysid_ros.extensions.export.unit.values import literal
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder, sha256, written_folder
 
@@ -169,15 +168,6 @@ def export_loop(
         }
         (partial / MANIFEST).write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return done
-
-
-def export_given(model: Model, folder: Path, *, policy: Policy | None, policy_seal: str, overwrite: bool) -> None:
-    """:func:`export_loop` of objects in memory, in real time."""
-    settings = {"real_time": True} | ({} if policy is None else {"policy": "supervised"})
-    export_loop(
-        load_rig(model.rig), model, folder, settings=settings, seal=model.seal, network=policy, policy_seal=policy_seal,
-        overwrite=overwrite,
-    )  # fmt: skip
 
 
 def tolerance_of(python: PythonLoop, kind: str, *, single: bool = False) -> float:

@@ -15,15 +15,7 @@ from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.extensions.frequency_response.comparison import (
-    WIDTHS,
-    ResponseComparison,
-    compared,
-    gain,
-    phase,
-    response_content,
-    response_sentence,
-)
+from hybrid_sysid_ros.extensions.frequency_response import comparison
 from hybrid_sysid_ros.extensions.frequency_response.report.page import write_page_of
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
@@ -35,7 +27,7 @@ ROWS = 12
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    model: terminal.ModelFolder,
     bag: Annotated[list[Path], typer.Argument(help="Bags whose inputs are used, and whose outputs are compared.")],
     as_json: terminal.Json = False,
     part: terminal.PartText = "0:1",
@@ -53,28 +45,33 @@ def command(
         check_file(report, suffix=".html")
     loaded = load_model(model, rig=rig)
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling, model=loaded)
-    found = [compared(loaded, experiment_of(loaded, record, part=Part.parse(part))) for record in records]
+    found = [comparison.compared(loaded, experiment_of(loaded, record, part=Part.parse(part))) for record in records]
     if report is not None:
         status.print(str(write_page_of(report, loaded, found, reports.provenance(loaded, typed()))))
     if as_json:
-        records_of = {item.name: response_content(item, loaded.system) for item in found}
+        records_of = {item.name: comparison.response_content(item, loaded.system) for item in found}
         console.print_json(json.dumps({"model": str(model), "part": part, "records": records_of}))
         return
     for item in found:
         for k, _ in enumerate(loaded.system.outputs):
             for j, _ in enumerate(loaded.system.inputs):
-                console.print(response_sentence(item, loaded.system, k, j))
+                console.print(comparison.response_sentence(item, loaded.system, k, j))
                 print_table(_table(item, loaded.system, k, j))
 
 
-def _table(found: ResponseComparison, system: System, output: int, channel: int) -> Table:
+def _table(found: comparison.ResponseComparison, system: System, output: int, channel: int) -> Table:
     """Gains and phases at some frequencies from the lowest to the highest."""
     unit = f"{system.outputs[output].unit or '1'} per {system.inputs[channel].unit or '1'}"
     title = f"{found.name}: {system.outputs[output].name} by {system.inputs[channel].name} [{unit}]"
     heads = "frequency", "coherence", "measured", "model, 90 %", "measured", "model, 90 %"
     table, bands = Table(*heads, title=title), len(found.measured.frequencies)
-    gains, phases = [[part(item) for item in (found.measured, found.simulated)] for part in (gain, phase)]
-    open_gain, open_phase = WIDTHS[0.9] * found.gain_deviations, np.degrees(WIDTHS[0.9] * found.phase_deviations)
+    gains, phases = [
+        [part(item) for item in (found.measured, found.simulated)] for part in (comparison.gain, comparison.phase)
+    ]
+    open_gain, open_phase = (
+        comparison.WIDTHS[0.9] * found.gain_deviations,
+        np.degrees(comparison.WIDTHS[0.9] * found.phase_deviations),
+    )
     for k in np.unique(np.linspace(0, bands - 1, min(ROWS, bands)).round().astype(int)):
         at = k, output, channel
         table.add_row(

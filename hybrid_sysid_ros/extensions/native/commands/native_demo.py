@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.commands.demo import OUT, run_loop
+from hybrid_sysid_ros.commands.demo import run_loop
 from hybrid_sysid_ros.commands.terminal import print_lines, status
 from hybrid_sysid_ros.extensions.native.companion import Native
+from hybrid_sysid_ros.extensions.shared.demo_body import DemoBody, demo_folder
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -22,13 +21,7 @@ BODY = "native"
 
 
 def instead(
-    body: Annotated[
-        str,
-        typer.Option(
-            "--body",
-            help="Close the loop in C instead: native, a process of this computer; m7 or m4, an emulated board.",
-        ),
-    ] = "",
+    body: DemoBody = "",
     rig: str = "",
     out: Path | None = None,
     seed: int = 0,
@@ -39,7 +32,7 @@ def instead(
     if body != BODY:
         return None
     chosen = load_rig(rig or default())
-    place = out or OUT.with_name(f"demo_{body}" if chosen.name == default() else f"demo_{body}_{chosen.name}")
+    place = demo_folder(out, body, chosen)
 
     def run() -> dict[str, Any]:
         session.check_ros()

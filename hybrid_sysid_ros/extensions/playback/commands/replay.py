@@ -11,17 +11,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.terminal import (
-    DriverChoice,
-    Json,
-    Overwrite,
-    Recover,
-    RigName,
-    console,
-    print_table,
-    status,
-    typed,
-)
+from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison, compare
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
@@ -35,17 +25,19 @@ BAG, NUMBERS, PAGE = "replayed", "replay.json", "report.html"
 def command(
     bag: Annotated[Path, typer.Argument(help="Bag of a recorded closed loop.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the replayed bag, the numbers and a report.")] = None,
-    rig: RigName = "",
+    rig: terminal.RigName = "",
     model: Annotated[
         Path | None, typer.Option(help="Model folder; by default the model that the bag was recorded with.")
     ] = None,
-    policy: Annotated[DriverChoice | None, typer.Option(help="What drives the rig; as recorded by default.")] = None,
+    policy: Annotated[
+        terminal.DriverChoice | None, typer.Option(help="What drives the rig; as recorded by default.")
+    ] = None,
     policy_path: Annotated[
         Path | None, typer.Option(help="Policy folder; by default the policy that the bag was recorded with.")
     ] = None,
-    recover: Recover = False,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
+    recover: terminal.Recover = False,
+    overwrite: terminal.Overwrite = False,
+    as_json: terminal.Json = False,
 ) -> None:
     """Send what a bag recorded of a loop through estimator and controller again, and compare the answers."""
     session.check_ros()
@@ -60,7 +52,7 @@ def command(
             check_file(out / name)
     with TemporaryDirectory() as scratch:
         replayed = (out or Path(scratch)) / BAG
-        plan = replaying.replay(bag, replayed, changes, recover=recover, tell=status.print)
+        plan = replaying.replay(bag, replayed, changes, recover=recover, tell=terminal.status.print)
         comparison = compare(bag, replayed, plan.rig, recover=recover)
     kind = (
         "recorded in lockstep"
@@ -70,22 +62,24 @@ def command(
     summary = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.change_summary(plan.changes)}."
     content = {"bag": str(bag), "lockstep": plan.lockstep, "parameters": plan.source, **comparison.content}
     if as_json:
-        console.print(json.dumps(content, indent=2))
+        terminal.console.print(json.dumps(content, indent=2))
     else:
-        console.print(summary)
+        terminal.console.print(summary)
         for table in tables(comparison):
-            print_table(table)
+            terminal.print_table(table)
     if out is not None:
         with written_file(out / NUMBERS) as partial:
             partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
         provenance = report.Provenance(
-            command=typed(),
+            command=terminal.typed(),
             hashes={f"bag, {bags.name_of(bag)}": sha256(bag), f"bag, {BAG}": sha256(out / BAG)},
             versions=versions(),
         )
         title = f"{plan.rig.name}: replay of {bags.name_of(bag)}"
         write_replay(out / PAGE, comparison, title, summary, provenance)
-        (status if as_json else console).print(f"report: {out / PAGE}   numbers: {out / NUMBERS}   bag: {out / BAG}")
+        (terminal.status if as_json else terminal.console).print(
+            f"report: {out / PAGE}   numbers: {out / NUMBERS}   bag: {out / BAG}"
+        )
 
 
 def tables(comparison: Comparison) -> list[Table]:

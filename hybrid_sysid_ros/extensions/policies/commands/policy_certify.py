@@ -11,27 +11,8 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import (
-    ClusterAddress,
-    DriverChoice,
-    Json,
-    OwnRig,
-    Seed,
-    WorkerCount,
-    console,
-    print_table,
-    status,
-)
-from hybrid_sysid_ros.control.safety.certificate import (
-    DELTA,
-    FILE,
-    FORMAT,
-    LOOPS,
-    MIXTURE,
-    Certificate,
-    find_certificate,
-    rounded_down,
-)
+from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.extensions.policies.configured import trial_of
 from hybrid_sysid_ros.extensions.policies.counting import certify
@@ -51,19 +32,21 @@ def command(
     ] = None,
     loops: Annotated[
         int, typer.Option(help="Number of independent closed loops of this seed; other seeds stay counted.", min=1)
-    ] = LOOPS,
-    seed: Seed = 0,
+    ] = certificates.LOOPS,
+    seed: terminal.Seed = 0,
     seconds: Annotated[float | None, typer.Option(help="Length of a loop [s].", min=0.02, max=8.0)] = None,
-    delta: Annotated[float, typer.Option(help="Probability with which one of all bounds may be wrong.")] = DELTA,
-    workers: WorkerCount = 0,
-    cluster: ClusterAddress = "",
+    delta: Annotated[
+        float, typer.Option(help="Probability with which one of all bounds may be wrong.")
+    ] = certificates.DELTA,
+    workers: terminal.WorkerCount = 0,
+    cluster: terminal.ClusterAddress = "",
     again: Annotated[
         int | None,
         typer.Option("--again", help="Number of a loop to run again and print; nothing is written.", min=0),
     ] = None,
-    driver: Annotated[DriverChoice, typer.Option(help="What drives the loop of --again.")] = "network",
-    rig: OwnRig = "",
-    as_json: Json = False,
+    driver: Annotated[terminal.DriverChoice, typer.Option(help="What drives the loop of --again.")] = "network",
+    rig: terminal.OwnRig = "",
+    as_json: terminal.Json = False,
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 
@@ -73,19 +56,19 @@ def command(
     if again is not None:
         if as_json:
             raise UserError("--again prints a table of one loop: leave --json out")
-        print_table(loop_table(trial, again, driver))
+        terminal.print_table(loop_table(trial, again, driver))
         return
     store = beside(policy, ".certificate.part")
-    check_file(policy / FILE)
+    check_file(policy / certificates.FILE)
     if store.exists() and not store.is_dir():
         raise UserError(f"{store}: is a file, and finished loops are to be kept there: remove it")
     before = _before(policy, trial)
     there = next((sum(item.loops.values()) for item in before.ledger if item.seed == seed), 0) if before else 0
     if there > loops:
-        raise UserError(f"{policy / FILE}: counts {there} loops of seed {seed}; give as many with --loops")
+        raise UserError(f"{policy / certificates.FILE}: counts {there} loops of seed {seed}; give as many with --loops")
     kept = 0
     try:
-        with progress_bars(status) as update:
+        with progress_bars(terminal.status) as update:
 
             def progress(stage: str, done: int, of: int) -> None:
                 nonlocal kept
@@ -106,40 +89,40 @@ def command(
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
     certificate.save(policy)
     if as_json:
-        console.print(json.dumps(content(certificate), indent=2))
+        terminal.console.print(json.dumps(content(certificate), indent=2))
         return
     for table in tables(certificate):
-        print_table(table)
-    console.print(summary(certificate))
-    console.print(str(policy / FILE))
+        terminal.print_table(table)
+    terminal.console.print(summary(certificate))
+    terminal.console.print(str(policy / certificates.FILE))
 
 
-def _before(policy: Path, trial: Trial) -> Certificate | None:
+def _before(policy: Path, trial: Trial) -> certificates.Certificate | None:
     """The policy's certificate so far; None where there is none, or one of another policy or model."""
-    path = policy / FILE
+    path = policy / certificates.FILE
     if path.is_file():  # one that was altered is nobody's to replace
-        storage.load_sheet(path, kind="certificate", version=FORMAT)
+        storage.load_sheet(path, kind="certificate", version=certificates.FORMAT)
     try:
-        return find_certificate(policy, policy=trial.seal, model=trial.policy.model)
+        return certificates.find_certificate(policy, policy=trial.seal, model=trial.policy.model)
     except UserError:
         return None
 
 
-def content(certificate: Certificate) -> dict[str, Any]:
+def content(certificate: certificates.Certificate) -> dict[str, Any]:
     """The certificate as plain data, with what follows of its counts."""
     return {**asdict(certificate), "failed": certificate.failed, "bounds": certificate.bounds}
 
 
-def tables(certificate: Certificate) -> list[Table]:
+def tables(certificate: certificates.Certificate) -> list[Table]:
     """What was counted, and the worst cases."""
     counted = Table("driver", "stratum", "loops", title="certificate")
-    names = list(certificate.failed["network"][MIXTURE])
+    names = list(certificate.failed["network"][certificates.MIXTURE])
     for name in names:
         counted.add_column(f"failed {name}", justify="right")
     counted.add_column("rate at least", justify="right")
     for driver, parts in certificate.failed.items():
         for stratum, failed in parts.items():
-            bound = rounded_down(certificate.bounds[driver][stratum])
+            bound = certificates.rounded_down(certificate.bounds[driver][stratum])
             counted.add_row(driver, stratum, str(certificate.strata[stratum]), *map(str, failed.values()), bound)
     answers = {reason: sum(entry.check.get(reason, 0) for entry in certificate.ledger) for reason in REASONS}
     checked = Table("the online check", "share", title="supervised")
@@ -160,15 +143,15 @@ def tables(certificate: Certificate) -> list[Table]:
     return [counted, checked, worst]
 
 
-def summary(certificate: Certificate) -> str:
+def summary(certificate: certificates.Certificate) -> str:
     """The certificate in two lines."""
     exact = [sum(entry.exact[name] for entry in certificate.ledger) for name in ("not_converged", "periods")]
     seeds = ", ".join(str(entry.seed) for entry in certificate.ledger)
     worst = certificate.worst_stratum("supervised")
     return (
-        f"supervised keeps everything in {rounded_down(certificate.mu('supervised'))} of the loops of its worst "
-        f"stratum, {worst}, at least; {certificate.loops} loops of seeds {seeds}, delta {certificate.delta:g} for "
-        f"{certificate.statements} statements; the exact MPC did not converge in {exact[0] / exact[1]:.2%} of its "
+        f"supervised keeps everything in {certificates.rounded_down(certificate.mu('supervised'))} of the loops of its "
+        f"worst stratum, {worst}, at least; {certificate.loops} loops of seeds {seeds}, delta {certificate.delta:g} "
+        f"for {certificate.statements} statements; the exact MPC did not converge in {exact[0] / exact[1]:.2%} of its "
         "periods"
     )
 

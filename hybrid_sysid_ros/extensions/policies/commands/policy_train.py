@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import ClusterAddress, Overwrite, OwnRig, Seed, WorkerCount, print_table, status
+from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.library.policies import DEFAULT, train_policy
@@ -19,9 +19,9 @@ from hybrid_sysid_ros.support.progress import progress_bars
 
 
 def command(
-    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    model: terminal.ModelFolder,
     out: Annotated[Path, typer.Option("--out", help="Folder for the policy.")],
-    seed: Seed = 0,
+    seed: terminal.Seed = 0,
     episodes: Annotated[
         int, typer.Option(help="Number of closed loops of 20 horizons in each round.", min=2)
     ] = DEFAULT.episodes[0],
@@ -51,10 +51,10 @@ def command(
             help="Share of a state's range by which the imitated MPC has its bounds tighter.", min=0.0, max=0.49
         ),
     ] = DEFAULT.margin,
-    workers: WorkerCount = 0,
-    cluster: ClusterAddress = "",
-    rig: OwnRig = "",
-    overwrite: Overwrite = False,
+    workers: terminal.WorkerCount = 0,
+    cluster: terminal.ClusterAddress = "",
+    rig: terminal.OwnRig = "",
+    overwrite: terminal.Overwrite = False,
 ) -> None:
     """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train]).
 
@@ -65,7 +65,7 @@ def command(
     loaded = load_model(model)
     samples = beside(out, ".samples")
     try:
-        with progress_bars(status) as update:
+        with progress_bars(terminal.status) as update:
             policy = train_policy(
                 loaded.rig,
                 loaded,
@@ -90,7 +90,7 @@ def command(
     table = Table("quantity", "value", title=f"policy {out}")
     for key, value in policy.training.items():
         table.add_row(key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
-    print_table(table)
+    terminal.print_table(table)
 
 
 def _widths(text: str) -> tuple[int, ...]:

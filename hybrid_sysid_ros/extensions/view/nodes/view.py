@@ -19,24 +19,10 @@ from rclpy.client import Client
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
+from hybrid_sysid_ros.extensions.view import requests
 from hybrid_sysid_ros.extensions.view.bag_recording import BagRecording
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
 from hybrid_sysid_ros.extensions.view.nodes.history import TOPICS, SignalHistory
-from hybrid_sysid_ros.extensions.view.requests import (
-    CURVE,
-    POINTS,
-    SERVICES,
-    WEIGHTS,
-    Fault,
-    PolicyChoice,
-    RecordRequest,
-    ReferenceRequest,
-    Request,
-    RequestMenu,
-    ServiceCall,
-    SetPointRequest,
-    WeightChange,
-)
 from hybrid_sysid_ros.extensions.view.tables import Cursor
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
@@ -66,7 +52,7 @@ class ViewNode(RigNode):
     SUBSCRIBES = TOPICS
 
     def configure(self) -> None:
-        self.drawing, self.offered = Drawing(self.rig), RequestMenu.of(self.rig, KINDS)
+        self.drawing, self.offered = Drawing(self.rig), requests.RequestMenu.of(self.rig, KINDS)
         self.history = SignalHistory(self, self.drawing, self.offered)
 
     def activate(self) -> None:
@@ -75,7 +61,7 @@ class ViewNode(RigNode):
         self.set_points = self.open("set_point")
         self.setters = {node: self._client(SetParameters, f"{node}/set_parameters") for node in OTHERS}
         self.weights = self._client(GetParameters, "controller/get_parameters")
-        self.calls = {service: self._client(Trigger, f"controller/{service}") for service in SERVICES}
+        self.calls = {service: self._client(Trigger, f"controller/{service}") for service in requests.SERVICES}
         self.recording = BagRecording(
             Path(self.settings["recordings"]),
             rig=self.rig.source,
@@ -131,15 +117,15 @@ class ViewNode(RigNode):
             "kinds": offer.kinds,
             "faults": offer.faults,
             "policies": offer.policies,
-            "services": SERVICES,
+            "services": requests.SERVICES,
             "weights": [
                 {"name": name, "low": item.low, "high": item.high, "of": self._weighed(item.each)}
                 for name, item in offer.weights.items()
             ],
             "period": 1.0 / defaults(self.rig, "plant")["rate"],
             "seconds": self.settings["seconds"],
-            "curve": CURVE,
-            "points": POINTS,
+            "curve": requests.CURVE,
+            "points": requests.POINTS,
         }
 
     def _travel(self, k: int) -> list[float] | None:
@@ -165,7 +151,7 @@ class ViewNode(RigNode):
         """See who is there to answer a page, and tell the page."""
         tables, there = self.history.tables, self.weights.service_is_ready()
         if there and not self.weighed:
-            asked = self.weights.call_async(GetParameters.Request(names=list(WEIGHTS)))
+            asked = self.weights.call_async(GetParameters.Request(names=list(requests.WEIGHTS)))
             asked.add_done_callback(self._hear_weights)
         self.weighed = there
         while self.answered:
@@ -184,34 +170,34 @@ class ViewNode(RigNode):
     def _hear_weights(self, answer: Any) -> None:
         """Not in the thread of the server, which takes it in at its next look."""
         values = [list(value.double_array_value) for value in answer.result().values]
-        self.answered.append(dict(zip(WEIGHTS, values, strict=False)))
+        self.answered.append(dict(zip(requests.WEIGHTS, values, strict=False)))
 
-    async def act(self, request: Request) -> str:
+    async def act(self, request: requests.Request) -> str:
         """Do what a page asks for; a line about it. Raises UserError where it can't be, or is refused."""
-        if isinstance(request, SetPointRequest):
+        if isinstance(request, requests.SetPointRequest):
             return self._set_point(request)
-        if isinstance(request, ReferenceRequest):
+        if isinstance(request, requests.ReferenceRequest):
             return await self._set("reference", {"kind": request.kind}, f"{request.kind} begins")
-        if isinstance(request, PolicyChoice):
+        if isinstance(request, requests.PolicyChoice):
             return await self._set("controller", {"policy": request.policy}, f"{request.policy} drives")
-        if isinstance(request, Fault):
+        if isinstance(request, requests.Fault):
             values = self.offered.faults[request.name]
             given = values if request.on else {key: self.offered.sound[key] for key in values}
             return await self._set("plant", given, f"{request.name}: {'on' if request.on else 'off'}")
-        if isinstance(request, ServiceCall):
+        if isinstance(request, requests.ServiceCall):
             answer = await self._ask(self.calls[request.service], Trigger.Request(), "controller")
             if not answer.success:
                 raise UserError(f"controller: {answer.message}")
             return answer.message or f"controller: {request.service}"
-        if isinstance(request, WeightChange):
+        if isinstance(request, requests.WeightChange):
             values = self.offered.weights[request.name].checked(request.values)
             said = ", ".join(f"{value:g}" for value in values)
             return await self._set("controller", {request.name: values}, f"{request.name} is {said}")
-        if isinstance(request, RecordRequest):
+        if isinstance(request, requests.RecordRequest):
             return await (self.recording.start() if request.on else self.recording.stop())
         raise UserError(f"{request.do}: nobody does that")
 
-    def _set_point(self, request: SetPointRequest) -> str:
+    def _set_point(self, request: requests.SetPointRequest) -> str:
         if not self.set_points.get_subscription_count():
             raise UserError("no reference node is there to follow a set-point: start one")
         offsets = [round(time * SECOND) for time in request.times]
