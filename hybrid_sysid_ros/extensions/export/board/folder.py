@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.unit import stack_use
 from hybrid_sysid_ros.extensions.export.unit.folder import MANIFEST as UNIT_MANIFEST
@@ -173,7 +174,7 @@ def make(folder: Path, goal: str) -> str:
     """What the Makefile of a folder says of a goal. Raises UserError where it fails."""
     try:
         with tethered_make(folder, goal, stderr=subprocess.PIPE) as process:
-            said, complaints = process.communicate(timeout=TIME_LIMIT)
+            said, complaints = process.communicate(timeout=compiler.TIME_LIMIT)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise UserError(f"{folder}: make {goal} can't be run: {error}") from error
     if process.returncode and " periods wrong" not in said:
