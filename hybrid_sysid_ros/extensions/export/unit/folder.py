@@ -45,8 +45,10 @@ to its tolerance of the residual (1e-6), within which the order of a sum decides
 """
 ROUNDING = 1e-6
 """By which a float may be beyond its bound."""
-OF_FLOATS = 1e-2
-"""That of floats, which is no check of the translation: a threshold may keep one plan and solve another one anew."""
+OF_FLOATS, SHARE_OF_FLOATS = 1e-2, 1e-4
+"""That of floats, or this share of the widest input's range where it is more, as of counts up to 255. It is no check of
+the translation: a threshold may keep one plan and solve another one anew.
+"""
 SAME = "command.status == periods[k].status;"
 MOST = 0.95
 """Share of the odd periods whose inputs must agree. A cold start iterates to convergence, and rounding can lead it to
@@ -173,7 +175,8 @@ def export_loop(
 def tolerance_of(python: PythonLoop, kind: str, *, single: bool = False) -> float:
     """The tolerance of a replay."""
     if single:
-        return OF_FLOATS
+        low, high = python.limits
+        return max(OF_FLOATS, SHARE_OF_FLOATS * float(np.max(high - low)))
     return TOLERANCE if kind == "recorded" and _is_plain(python) else LOOSE
 
 
@@ -220,8 +223,8 @@ def _compared(
         tolerance = tolerance_of(python, kind, single=single)
         if not parts[worst] <= tolerance:
             raise UserError(
-                f"export: the unit's {worst} differs by {parts[worst]:.3g} from Python's in the {kind} loop, more than "
-                f"{tolerance:g}; nothing is written: report this"
+                f"export: {worst} of the unit differs from Python's by {parts[worst]:.3g} in the {kind} loop, by more "
+                f"than {tolerance:g}; nothing is written: report this"
             )
     return found
 
