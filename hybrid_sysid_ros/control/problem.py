@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.stage_cost import StageWeights
-from hybrid_sysid_ros.control.terms import StageTerm, check_terms, terms_of, with_terms
+from hybrid_sysid_ros.control.terms import StageTerm, check_hard, check_terms, terms_of, with_terms
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError, known
@@ -149,8 +149,10 @@ class ControlProblem:
         if self.final_output_weights:
             names = f"mpc: final_output_weights of {type(system).__name__}"
             found["final_output_weights"] = numbers(self.final_output_weights, names, count=len(system.outputs))
-        check_terms(system, self.terms, [name for name, _ in self.stage_parameters])
         sized = dataclasses.replace(self, **found)  # type: ignore[arg-type]
+        stage = [name for name, _ in self.stage_parameters]
+        check_terms(system, self.terms, stage)
+        check_hard(system, self.terms, stage, self.stage_values, sized.input_low, sized.input_high)
         bounds = zip(system.states, sized.state_margins, sized.state_low, sized.state_high, strict=False)
         for name, margins, low, high in (
             *((item.name, *each) for item, *each in bounds),

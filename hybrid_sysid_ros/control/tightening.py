@@ -98,8 +98,8 @@ def tightened(
     if covariance.shape != (len(free), len(free)):
         raise UserError(f"mpc: tightening: the covariance has shape {covariance.shape} for {len(free)} free parameters")
     between = [np.array(numbers(each, "mpc: tightening: between", count=len(system.outputs))) for each in asked.between]
-    if len(between) != 2:
-        raise UserError(f"mpc: tightening: between has {len(between)} outputs; give two")
+    if len(between) != 2 or not np.isfinite(between).all():
+        raise UserError(f"mpc: tightening: between is {asked.between}; give two outputs, of finite numbers")
     estimated = np.diag(np.square(numbers(asked.states, "mpc: tightening: states", count=n)))
     offset = np.diag(np.square(numbers(asked.disturbance, "mpc: tightening: disturbance", count=m)))
     staying = np.block([[offset, np.zeros((m, len(free)))], [np.zeros((len(free), m)), covariance]])

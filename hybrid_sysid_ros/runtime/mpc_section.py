@@ -28,14 +28,27 @@ RICCATI = "riccati_at"
 
 def about(system: System, problem: ControlProblem, outputs: Any) -> ControlProblem:
     """The problem of a system, sized, whose inputs cost nothing in the steady motion at outputs (p,). Raises UserError
-    where the rig does not stay there.
+    where the rig does not stay there, or only beyond a bound.
     """
     at = np.array(numbers(outputs, f"mpc: {OPERATING}", count=len(system.outputs)))
+    problem = problem.sized(system)
     rest = steady_motion(system, problem, at)
     tracked = np.array(problem.output_weights) > 0.0
     found, _, _ = jacobian_at(system, problem, rest.state, rest.inputs, output=True)
     if not np.allclose(found[tracked], at[tracked], rtol=STILL, atol=STILL):
         raise UserError(f"mpc: {OPERATING}: no inputs hold the outputs at {at.tolist()}; give others")
+    names = [item.name for item in (*system.inputs, *system.states)]
+    values = np.concatenate([rest.inputs, rest.state])
+    low, high = (
+        np.concatenate([inputs, states])
+        for inputs, states in ((problem.input_low, problem.state_low), (problem.input_high, problem.state_high))
+    )
+    for name, value, least, most in zip(names, values, low, high, strict=True):
+        if not least <= value <= most:
+            raise UserError(
+                f"mpc: {OPERATING}: to stay at {at.tolist()}, {name} would be {value:.4g}, beyond its bounds {least:g} "
+                f"and {most:g}; give other outputs"
+            )
     return replace(problem, input_rest=tuple(rest.inputs.tolist())).sized(system)
 
 

@@ -63,6 +63,8 @@ def test_inputs_cost_nothing_at_an_operating_point():
     assert np.abs(ExactMpc(ARMS, PROBLEM).control(*asked).inputs[-1] - point.inputs).max() > 1e-3
     with pytest.raises(UserError, match="no inputs hold the outputs at"):
         about(ARMS, PROBLEM, [2.0, 0.0])
+    with pytest.raises(UserError, match=r"first_torque would be .*, beyond its bounds -0\.01 and 0\.01"):
+        about(ARMS, replace(PROBLEM, input_low=(-0.01,), input_high=(0.01,)), [0.2, 0.0])
 
 
 def test_a_real_time_iteration_stays_near_the_optimum():

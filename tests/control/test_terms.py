@@ -109,6 +109,17 @@ def test_a_wrong_term_is_refused_by_its_name(term, said):
     assert "\n" not in str(refused.value)
 
 
+def test_hard_bounds_that_leave_no_input_are_named_with_their_stage():
+    high = {"value": "first_torque - second_torque - limit", "high": 0.0, "hard": True}
+    low = {"value": "first_torque - second_torque", "low": 0.5, "hard": True}
+    limit = np.where(np.arange(PROBLEM.horizon) < 4, 1.0, 0.4)
+    with pytest.raises(UserError, match="the hard bounds of low and high leave no input at stage 5"):
+        declared(terms={"low": low, "high": high}, stage_parameters={"limit": limit}).sized(ARMS)
+    declared(terms={"low": low, "high": high}, stage_parameters={"limit": limit + 0.2}).sized(ARMS)
+    with pytest.raises(UserError, match="the hard bounds of low leave no input at stage 1"):
+        declared(terms={"low": {**low, "low": 1e3}}).sized(ARMS)
+
+
 @pytest.mark.parametrize(
     ("values", "said"),
     [

@@ -95,8 +95,9 @@ def loop(random: np.random.Generator) -> Scenario:
         ({"parameters": "many"}, "parameters is"),
         ({"periods": -1}, "periods is -1"),
         ({"feedback": "yes"}, "feedback is 'yes'; it must be true or false"),
-        ({"between": [[0.0, 0.0]]}, "between has 1 outputs; give two"),
+        ({"between": [[0.0, 0.0]]}, "give two outputs, of finite numbers"),
         ({"between": [[0.0], ["x"]]}, "between is"),
+        ({"between": [[0.0], [float("nan")]]}, "give two outputs, of finite numbers"),
         ({"shares": 0.9}, "unknown key 'shares'"),
     ],
 )
