@@ -196,7 +196,7 @@ def main() -> int:
                 for key, course in COURSES.items()
             }
     costs = {
-        name: np.array([sum(loops[key][index].cost(problem) for key in COURSES) for index in range(len(SEEDS))])
+        name: np.array([sum(loops[key][index].cost_by(problem) for key in COURSES) for index in range(len(SEEDS))])
         for name, loops in runs.items()
     }
     results = {

@@ -202,6 +202,7 @@ class EstimatorNode(RigNode):
 
     def health(self) -> Sequence[Task]:
         counters, entry = self.adapter.estimator.filter.counters, self.entry
+        dropped = self.dropped("camera/joint_states") if "camera/joint_states" in self.validators else {}
         loop = {
             "measurements missing": counters.missing,
             "measurements too late": counters.late,
@@ -209,7 +210,7 @@ class EstimatorNode(RigNode):
             "times that time began anew": self.restarts,
             "measurements before the first one of use": self.unusable,
             **{f"measurements {reason}": count for reason, count in self.dropped("joint_states").items()},
-            **{f"frames {reason}": count for reason, count in self._dropped_frames().items()},
+            **{f"frames {reason}": count for reason, count in dropped.items()},
         }
         values = {
             "updates": counters.updates,
@@ -226,10 +227,6 @@ class EstimatorNode(RigNode):
         if not self.stamp and judged.level == OK:
             judged = replace(judged, message="waiting for measurements")
         return [judged, self.sensor(), self.model()]
-
-    def _dropped_frames(self) -> dict[str, int]:
-        """Rejected frames of a camera, by reason."""
-        return self.dropped("camera/joint_states") if "camera/joint_states" in self.validators else {}
 
     def sensor(self) -> Task:
         """The task of the sensors: readings that are missing, frozen or implausible."""

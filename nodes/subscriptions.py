@@ -96,21 +96,17 @@ class Listener:
         """Request only best effort, where a publisher offers no more; policy: the incompatible policy."""
         self._refused = True
         offers = [peer for peer in self._publishers() if peer.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT]
-        if self._subscription is None or self._is_best_effort(self._subscription):
+        if self._subscription is None or not (offers or policy == QoSPolicyKind.RELIABILITY):
             return
-        if not offers and policy != QoSPolicyKind.RELIABILITY:
+        quality = self._subscription.qos_profile
+        if quality.reliability == ReliabilityPolicy.BEST_EFFORT:
             return
         who = ", ".join(map(name_of, offers)) or "a publisher"
         self._node.get_logger().warning(f"{self._name}: {who} offers best effort, which is used from now on")
-        quality = self._subscription.qos_profile
         self._unsubscribe()
         quality.reliability = ReliabilityPolicy.BEST_EFFORT
         self._refused = False
         self._subscription = self._subscribed(quality)
-
-    @staticmethod
-    def _is_best_effort(subscription: Subscription) -> bool:
-        return bool(subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT)
 
     def close(self) -> None:
         """Close the subscription."""

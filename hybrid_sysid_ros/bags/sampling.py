@@ -261,10 +261,8 @@ class HeldLast(Held):
         return self._found
 
     def _take(self, begins: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        start, stop = (
-            np.searchsorted(self._samples, begins[0]),
-            np.searchsorted(self._samples, begins[-1], side="right"),
-        )
+        start = np.searchsorted(self._samples, begins[0])
+        stop = np.searchsorted(self._samples, begins[-1], side="right")
         self._found[start:stop] = values[np.searchsorted(begins, self._samples[start:stop], side="right") - 1]
 
 

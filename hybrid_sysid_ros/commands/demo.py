@@ -31,7 +31,7 @@ from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, written_file
+from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, write_text
 from hybrid_sysid_ros.support.progress import progress_bars
 
 Out = Annotated[
@@ -144,7 +144,7 @@ def _cost_ratio(rig: Rig, model: Model, imitation: policy.Policy, reference: str
     approximate, exact = (
         simulated_loop(
             rig, model, wrap_for_rig(rig, system, controller), schedule, duration=schedule.duration, seed=seed
-        ).cost(imitation.problem, system)
+        ).cost_by(imitation.problem, system)
         for controller in (imitation, ExactMpc(system, imitation.problem))
     )
     return approximate / exact
@@ -201,12 +201,6 @@ def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path,
     if outcome.interrupted or outcome.bag is None:
         raise KeyboardInterrupt
     return outcome.bag, outcome.diagnostics
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file beside its place, and rename it."""
-    with written_file(path) as partial:
-        partial.write_text(text, encoding="utf-8")
 
 
 def _table(summary: dict[str, Any]) -> Table:

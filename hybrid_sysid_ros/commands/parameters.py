@@ -10,7 +10,7 @@ import typer
 from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import parameter_file
-from hybrid_sysid_ros.support.files import check_file, written_file
+from hybrid_sysid_ros.support.files import check_file, write_text
 
 
 def command(
@@ -25,6 +25,5 @@ def command(
     if out is None:
         print(text, end="")
         return
-    with written_file(out) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(out, text)
     console.print(str(out))

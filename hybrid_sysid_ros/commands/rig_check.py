@@ -43,7 +43,8 @@ def command(
     remarks = [*findings.remarks, *(f"{name}: no extension that reads it is installed" for name in unread)]
     if without and loop:
         remarks.append(f"no section nodes: a rig for identification alone; a loop would need: {loop[0]}")
-    shown = seconds or _usual_seconds(described.step)
+    step = described.step
+    shown = seconds or min(max(2.0, SAMPLES * step), MOST_STEPS * step)  # as many steps as are shown, or a moment's
     responses = None if findings.problems else step_responses(described, seconds=shown, samples=SAMPLES)
     if as_json:
         found = {"rig": described.name, "folder": str(described.folder), "problems": problems, "remarks": remarks}
@@ -57,11 +58,6 @@ def command(
         print_table(_responses(described, *responses))
     end(problems)
     console.print(f"{described.name}: no problems")
-
-
-def _usual_seconds(step: float) -> float:
-    """Two seconds, but no fewer steps than are shown, and no more than take a moment."""
-    return min(max(2.0, SAMPLES * step), MOST_STEPS * step)
 
 
 def _facts(rig: Rig) -> Table:

@@ -80,7 +80,7 @@ class ClosedLoop:
         found: Array = np.sqrt(np.mean((self.outputs - self.references)[inside] ** 2, axis=0))
         return found
 
-    def cost(self, problem: ControlProblem, system: System | None = None) -> float:
+    def cost_by(self, problem: ControlProblem, system: System | None = None) -> float:
         """Sum of the stage costs by a problem that is sized, with the previous inputs 0 at the start.
 
         system: the one of the problem, whose states are estimated, for its terms, which are those of the first stage;

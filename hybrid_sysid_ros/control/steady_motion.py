@@ -78,7 +78,8 @@ def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Ar
         y, c, by_u = jacobian_at(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
         c, by_u = c[tracked], by_u[tracked]
         matrix = _equations(a, b, c, by_u)
-        matrix[:, :states][:, _unmoved(a, b)] = 0.0
+        unmoved = np.all(np.hstack([a - np.eye(states), b]) == 0.0, axis=1)
+        matrix[:, :states][:, unmoved] = 0.0
         drift = unknown[states + inputs :]
         residual = np.concatenate(
             [following - unknown[:states] - drift, (a - np.eye(states)) @ drift, y[tracked] - wanted, c @ drift]
@@ -90,11 +91,6 @@ def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Ar
         if np.max(np.abs(change)) <= STEADY * (1.0 + np.max(np.abs(unknown))):
             break
     return unknown, c
-
-
-def _unmoved(a: Array, b: Array) -> Array:
-    """Whether nothing moves each state, (n,)."""
-    return np.all(np.hstack([a - np.eye(len(a)), b]) == 0.0, axis=1)
 
 
 def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:

@@ -45,39 +45,29 @@ LONGEST = 3600.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Loop:
-    """The course of a closed loop, a row for each sample, in SI units: m inputs, p outputs."""
+class Loop(ClosedLoop):
+    """The course of a closed loop, a row for each sample, in SI units: n states of the model, m inputs, p outputs."""
 
     rig: Rig
-    time: Array
-    """(samples,) [s]."""
-    states: Array
-    """(samples, states of the simulated rig), without noise."""
-    outputs: Array
-    """(samples, p), without noise."""
-    inputs: Array
-    """(samples, m), from each sample on."""
-    reference: Array
-    """(samples, p)."""
-    estimate: Array
-    """States that the controller received, (samples, states of the model)."""
-    statuses: Mapping[Status, int]
-    """How often an input had each status."""
     problem: ControlProblem
     """The problem by whose stage cost the loop is judged."""
     system: System
     """The model of that problem."""
 
+    @property
+    def reference(self) -> Array:
+        """(samples, p)."""
+        return self.references
+
+    @property
+    def estimate(self) -> Array:
+        """States that the controller received, (samples, n)."""
+        return self.estimates
+
     @cached_property
     def cost(self) -> float:
         """Sum of the stage costs of the controller's problem."""
-        return ClosedLoop(
-            time=self.time,
-            outputs=self.outputs,
-            estimates=self.estimate,
-            references=self.reference,
-            inputs=self.inputs,
-        ).cost(self.problem, self.system)
+        return self.cost_by(self.problem, self.system)
 
     @property
     def score(self) -> dict[str, float]:
@@ -184,18 +174,7 @@ def simulate(
         plant=_plant(described, plant, arguments.seed_of(seed)),
         settings=values["estimator"],
     )
-    return Loop(
-        rig=described,
-        time=loop.time,
-        states=loop.states,
-        outputs=loop.outputs,
-        inputs=loop.inputs,
-        reference=loop.references,
-        estimate=loop.estimates,
-        statuses=loop.statuses,
-        problem=problem,
-        system=controller_model(described, used.system),
-    )
+    return Loop(rig=described, problem=problem, system=controller_model(described, used.system), **vars(loop))
 
 
 def used_model(rig: Rig, model: AnyModel | None) -> Model:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.control import Controller, ExactMpc
-from hybrid_sysid_ros.control.terminal_cost import riccati_terms
 from hybrid_sysid_ros.control.terms import terms_of
-from hybrid_sysid_ros.control.tightening import Tightening, covariance_of, tightened
+from hybrid_sysid_ros.control.tightening import covariance_of
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.loops import settings_of, used_model
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.runtime.configuration import controller_model, mpc_problem, wrap_for_rig
-from hybrid_sysid_ros.runtime.mpc_section import about
+from hybrid_sysid_ros.runtime.mpc_section import extended
 from hybrid_sysid_ros.support import extensions
 
 
@@ -63,26 +61,19 @@ def mpc(
     problem = mpc_problem(values, described, system)
     more = arguments.mapping_of(terms, "terms", '{"power": {"value": "voltage**2", "price": 1.0}}')
     stage = arguments.mapping_of(stage_parameters, "stage_parameters", '{"limit": 1.0}')
+    further: dict[str, Any] = {"intervals": intervals, "blocks": blocks, "operating_point": operating_point}
     if more or stage:
         own = {term.name: term for term in problem.terms} | {term.name: term for term in terms_of(more)}
-        problem = replace(
-            problem,
-            terms=tuple(own.values()),
-            stage_parameters=tuple((dict(problem.stage_parameters) | stage).items()),
-        ).sized(system)
-    if intervals is not None:
-        problem = replace(problem, intervals=intervals)  # type: ignore[arg-type]
-    if blocks is not None:
-        problem = replace(problem, blocks=blocks)  # type: ignore[arg-type]
-    if operating_point is not None:
-        problem = about(system, problem, operating_point)
+        further["terms"] = tuple(own.values())
+        further["stage_parameters"] = tuple((dict(problem.stage_parameters) | stage).items())
     if riccati_at is not None:
-        last = riccati_terms(system, problem, np.atleast_1d(arguments.array_of(riccati_at, "riccati_at")))
-        problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
+        further["riccati_at"] = np.atleast_1d(arguments.array_of(riccati_at, "riccati_at")).tolist()
+    covariance = None
     if tightening is not None:
-        asked = Tightening.declared(tightening)
+        further["tightening"] = tightening
         covariance = None if "parameters" in tightening else covariance_of(used, system)
-        problem = tightened(system, problem, asked, covariance)
+    given = {name: value for name, value in further.items() if value is not None}
+    problem = extended(system, problem, given, covariance) if given else problem
     if solver == "exact":
         return wrap_for_rig(described, system, ExactMpc(system, problem, real_time=values["real_time"]))
     made: Controller = extensions.one("solvers", "ipopt")(system, problem)

@@ -213,11 +213,8 @@ def export(
     overwrite: replace what is there. Results are checked against the original. Raises UserError for a place that can't
     be written.
     """
-    folder, form, replaced = (
-        path_of(out, "out"),
-        arguments.choice_of(format, "format", FORMATS),
-        arguments.flag_of(overwrite, "overwrite"),
-    )
+    folder, replaced = path_of(out, "out"), arguments.flag_of(overwrite, "overwrite")
+    form = arguments.choice_of(format, "format", FORMATS)
     needs = "hs.export needs the extension export"
     if policy is not None and (not OF_MODELS.get(form) or isinstance(model, policies.Policy)):
         raise UserError("policy is for a model's loop: give a model, and format='loop'")

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hybrid_sysid_ros.core import Bristles, Contact, Dry, Parameter, Sampled, System, Variable, Viscous
+from hybrid_sysid_ros.core.declaration import integral_unit
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.record_map import RecordMap
@@ -251,7 +252,7 @@ class Linear(System):
         if self.friction == "stribeck":
             return Dry(on=name, level=_level(name), viscous=damping)
         several = len(self.origin.contacts) > 1
-        unit = _integrated(self.origin.states[self._names.index(name)].unit)
+        unit = integral_unit(self.origin.states[self._names.index(name)].unit)
         bristles = Bristles(
             on=name,
             level=f"{name}_coulomb" if self.friction == "dahl" else _level(name),
@@ -306,10 +307,6 @@ def _rate(unit: str) -> str:
     return (
         f"{unit.removesuffix('/s')}/s^2" if unit.endswith("/s") else f"{unit}/s" if " " not in unit else f"({unit})/s"
     )
-
-
-def _integrated(unit: str) -> str:
-    return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s"
 
 
 def _ratio(unit: str, other: str) -> str:

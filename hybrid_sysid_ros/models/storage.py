@@ -18,7 +18,7 @@ from safetensors.numpy import save as serialised
 from hybrid_sysid_ros.support import yaml_text
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import path_of, sha256, written_file, written_folder
+from hybrid_sysid_ros.support.files import path_of, sha256, write_text, written_folder
 from hybrid_sysid_ros.support.structured import read_mapping
 
 ARRAYS = "weights.safetensors"
@@ -49,8 +49,7 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 def save_sheet(path: Path | str, *, version: int, content: dict[str, Any]) -> None:
     """Write one sealed YAML file, beside its place, then rename. Raises UserError where it can't be written."""
-    with written_file(path) as partial:
-        partial.write_text(_text(version, content), encoding="utf-8")
+    write_text(path, _text(version, content))
 
 
 def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any], NamedArrays]:

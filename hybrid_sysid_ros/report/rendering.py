@@ -20,7 +20,7 @@ from hybrid_sysid_ros.report.verdict import verdict
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.extras import extra
-from hybrid_sysid_ros.support.files import written_file
+from hybrid_sysid_ros.support.files import write_text
 
 TEMPLATES = Path(__file__).parent
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -106,8 +106,7 @@ def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **f
         filters, significant=significant, probability=probability, part=part_text, sentence=sentence, seconds=seconds
     )
     text = environment.get_template(template.name).render(plotly=get_plotlyjs(), **content)
-    with written_file(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(path, text)
     return Path(path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from hybrid_sysid_ros.control.terminal_cost import STILL, riccati_terms
 from hybrid_sysid_ros.control.tightening import Tightening, tightened
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
@@ -52,21 +54,30 @@ def about(system: System, problem: ControlProblem, outputs: Any) -> ControlProbl
     return replace(problem, input_rest=tuple(rest.inputs.tolist())).sized(system)
 
 
+def extended(
+    system: System, problem: ControlProblem, given: Mapping[str, Any], covariance: Array | None = None
+) -> ControlProblem:
+    """The problem of a system, sized, with what the section declares. covariance: of the model's free parameters, in
+    place of those that the tightening names. Raises UserError for what makes no valid problem.
+    """
+    refuse_unknown(given, (*FIELDS, OPERATING, RICCATI, TIGHTENING), "mpc")
+    problem = replace(problem, **{name: given[name] for name in FIELDS if name in given}).sized(system)
+    if OPERATING in given:
+        problem = about(system, problem, given[OPERATING])
+    if RICCATI in given:
+        at = numbers(given[RICCATI], f"mpc: {RICCATI}", count=len(system.outputs))
+        last = riccati_terms(system, problem, np.array(at))
+        problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
+    if TIGHTENING in given:
+        problem = tightened(system, problem, Tightening.declared(given[TIGHTENING]), covariance)
+    return problem
+
+
 def declared(rig: Rig, system: System, problem: ControlProblem) -> ControlProblem:
     """The problem of a system, sized, with what the rig's file declares. Raises UserError that names the file."""
     given = section(rig.content, "mpc", str(rig.file))
     try:
-        refuse_unknown(given, (*FIELDS, OPERATING, RICCATI, TIGHTENING), "mpc")
-        problem = replace(problem, **{name: given[name] for name in FIELDS if name in given}).sized(system)
-        if OPERATING in given:
-            problem = about(system, problem, given[OPERATING])
-        if RICCATI in given:
-            at = numbers(given[RICCATI], f"mpc: {RICCATI}", count=len(system.outputs))
-            last = riccati_terms(system, problem, np.array(at))
-            problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
-        if TIGHTENING in given:
-            problem = tightened(system, problem, Tightening.declared(given[TIGHTENING]))
-        return problem
+        return extended(system, problem, given)
     except UserError as error:
         if not given:
             raise

@@ -298,11 +298,6 @@ def _of_actuators(rig: Rig) -> list[list[float]]:
     return [[-value, value] for value in largest]
 
 
-def _of_spans(rig: Rig) -> list[list[float]]:
-    """From 0 to the whole range of each input."""
-    return [[0.0, item.high - item.low] for item in rig.actuators]
-
-
 def _of_outputs(rig: Rig) -> list[list[float]]:
     """As far as each output travels, as it is shown, with either sign; BEYOND where no stop is known."""
     low, high = np.abs(rig.travel_of_outputs) / np.abs([display.scale for display in rig.display])
@@ -311,7 +306,7 @@ def _of_outputs(rig: Rig) -> list[list[float]]:
 
 OF_RIG: Mapping[str, Callable[[Rig], list[list[float]]]] = {
     "ACTUATOR": _of_actuators,
-    "SPAN": _of_spans,
+    "SPAN": lambda rig: [[0.0, item.high - item.low] for item in rig.actuators],
     "TRAVEL": _of_outputs,
 }
 """Ranges that the rig tells, one for each entry."""

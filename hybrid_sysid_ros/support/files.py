@@ -44,6 +44,12 @@ def written_file(path: Path | str) -> Iterator[Path]:
         os.replace(partial, target)
 
 
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text beside its place, and rename it. Raises UserError as :func:`written_file` does."""
+    with written_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
 @contextmanager
 def written_folder(
     path: Path | str, *, marker: str | tuple[str, ...], replace: bool = True, force: bool = False

@@ -42,7 +42,7 @@ def test_a_cost_by_hand():
     """Errors, changes from inputs of zero, inputs, and the first state .5 above its bound."""
     errors = 2.0 * 2 * (0.1 / 0.5) ** 2 + 3.0 * (1.0 / 2.0) ** 2
     changes, inputs = 1.0 * (2.0**2 + 3.0**2) + 0.1 * 5.0**2, 0.01 * (2.0**2 + 1.0**2)
-    assert loop_of().cost(PROBLEM) == pytest.approx(errors + changes + inputs + 4.0 * 0.5 + 10.0 * 0.5**2)
+    assert loop_of().cost_by(PROBLEM) == pytest.approx(errors + changes + inputs + 4.0 * 0.5 + 10.0 * 0.5**2)
 
 
 def test_each_stage_costs_by_itself():

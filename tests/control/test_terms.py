@@ -167,7 +167,7 @@ def test_the_cost_of_a_loop_has_the_terms_of_its_stages():
     first, rates = states[:, 0], states[:, 2:]
     beyond = np.maximum(np.cos(first) - 0.95, 0.0)
     terms = np.sum(0.5 * np.sum(inputs * rates, axis=1) + (5.0 + 50.0 * beyond) * beyond)
-    assert loop.cost(problem, ARMS) - loop.cost(problem) == pytest.approx(terms)
+    assert loop.cost_by(problem, ARMS) - loop.cost_by(problem) == pytest.approx(terms)
 
 
 def test_with_riccati_s_cost_a_short_horizon_acts_as_a_long_one():

@@ -55,7 +55,8 @@ class SegmentLibrary:
     def drawn(self) -> PlanSegment:
         """A new segment."""
         pick, seed = self.random, int(self.random.integers(1 << 30))
-        amplitude, (low, high) = float(pick.choice(AMPLITUDES)), sorted(self._frequencies(2).tolist())
+        amplitude = float(pick.choice(AMPLITUDES))
+        low, high = sorted(np.exp(pick.uniform(np.log(self.lowest), np.log(self.fastest), 2)).tolist())
         kind = pick.choice(["constant", "ramp", "sine", "swept_sine", "multisine", "random_steps"])
         if kind == "constant":
             return segment("constant", level=float(pick.choice(LEVELS)))
@@ -86,6 +87,3 @@ class SegmentLibrary:
             numbers["high"] = max(numbers["high"], numbers["low"])
         seed = given.seed if self.random.random() < 0.5 else int(self.random.integers(1 << 30))
         return PlanSegment(excitation=replace(given.excitation, numbers=numbers), seed=seed)
-
-    def _frequencies(self, count: int) -> Array:
-        return np.exp(self.random.uniform(np.log(self.lowest), np.log(self.fastest), count))

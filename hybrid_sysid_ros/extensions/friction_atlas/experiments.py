@@ -37,11 +37,8 @@ class Line:
 def friction_over_speed(system: SlidingBlock, *, top: float = 0.3, speeds: int = 41) -> Line:
     """Steady friction [N] at speeds up to ``top`` [m/s] both ways, the block led by a stiff drive."""
     tried = np.geomspace(top / 300.0, top, speeds)
-    return _both_ways(tried, np.array([_led_steadily(system, speed) for speed in tried]))
-
-
-def _both_ways(speeds: Array, friction: Array) -> Line:
-    return Line(x=np.concatenate([-speeds[::-1], speeds]), y=np.concatenate([-friction[::-1], friction]))
+    friction = np.array([_led_steadily(system, speed) for speed in tried])
+    return Line(x=np.concatenate([-tried[::-1], tried]), y=np.concatenate([-friction[::-1], friction]))
 
 
 def _led_steadily(system: SlidingBlock, speed: float) -> float:

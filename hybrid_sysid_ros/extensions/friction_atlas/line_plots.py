@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.files import written_file
+from hybrid_sysid_ros.support.files import write_text
 
 
 def ticks(low: float, high: float, about: int) -> Array:
@@ -53,8 +53,7 @@ def draw(path: Path, plots: Sequence[Plot], *, title: str) -> Path:
     ]
     for number, plot in enumerate(plots):
         parts += _plot(plot, number * (LEFT + WIDTH + GAP) + LEFT)
-    with written_file(path) as partial:
-        partial.write_text("\n".join([*parts, "</svg>\n"]), encoding="utf-8")
+    write_text(path, "\n".join([*parts, "</svg>\n"]))
     return path
 
 

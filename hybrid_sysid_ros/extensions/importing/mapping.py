@@ -13,7 +13,7 @@ from hybrid_sysid_ros.bags.signals import HOLDS
 from hybrid_sysid_ros.extensions.shared.units import SYMBOLS, named
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
-from hybrid_sysid_ros.support.files import written_file
+from hybrid_sysid_ros.support.files import write_text
 from hybrid_sysid_ros.support.structured import built, read_mapping, refuse_endless, refuse_unknown, section
 from hybrid_sysid_ros.support.yaml_text import Dumper
 
@@ -145,8 +145,7 @@ class ImportMapping:
         text = yaml.dump(
             content, Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
         )
-        with written_file(path) as partial:
-            partial.write_text(f"# {comment}\n{text}", encoding="utf-8")
+        write_text(path, f"# {comment}\n{text}")
 
     def check(self, rig: Rig, where: str) -> None:
         """Raise UserErrors where the signals are not those of a rig, or units don't measure the same."""

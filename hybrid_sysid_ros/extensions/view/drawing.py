@@ -76,10 +76,8 @@ class Drawing:
     def __init__(self, rig: Rig) -> None:
         """Raises UserError where the section ``drawing`` of the rig's file names what is not there."""
         self.rig, self.bodies = rig, dict[str, Body]()
-        where, moving = (
-            f"{rig.file}: drawing",
-            {name: joint for name, joint in rig.joints.joints.items() if _moves(joint)},
-        )
+        where = f"{rig.file}: drawing"
+        moving = {name: joint for name, joint in rig.joints.joints.items() if _moves(joint)}
         content = section(rig.content, "drawing", str(rig.file))
         for name, value in content.items():
             body = built(Body, value, f"{where}.{name}")

@@ -21,7 +21,6 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 
 with extra("view"):
-    from websockets.asyncio.server import Server as Listening
     from websockets.asyncio.server import ServerConnection, serve
     from websockets.datastructures import Headers
     from websockets.exceptions import ConnectionClosed
@@ -147,7 +146,7 @@ class Server:
             server_header=None,
             logger=logger,
         ) as listening:
-            self.port = _port(listening)
+            self.port = int(next(iter(listening.sockets)).getsockname()[1])
             self._ready.set()
             while not self._end.is_set():
                 self._service.collect()
@@ -258,10 +257,6 @@ class Server:
             await page.connection.send(json.dumps({"answer": number, "done": done, "line": line}))
         except ConnectionClosed:
             return
-
-
-def _port(listening: Listening) -> int:
-    return int(next(iter(listening.sockets)).getsockname()[1])
 
 
 def _response(status: HTTPStatus, content: str | bytes, kind: str = "text/plain") -> Response:

@@ -7,7 +7,7 @@ import unicodedata
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from hybrid_sysid_ros.support.structured import read_mapping
 
@@ -78,7 +78,8 @@ def _patterns() -> _Patterns:
     """Those of the table."""
     table = read_mapping(Path(__file__).parent / "words" / "stops.yaml")
     emergency, anywhere, motionless, edge, alone = (
-        _any(_all(table[kind])) for kind in ("emergency", "anywhere", "motionless", "edge", "alone")
+        _any([words for language in table[kind].values() for words in language])
+        for kind in ("emergency", "anywhere", "motionless", "edge", "alone")
     )
     stop = rf"(?<= )(?:{anywhere}|{motionless})|(?:^ |\| ){edge}|(?<= ){edge}(?:$|\|)|^ (?:\| )*{alone}(?:\| )*$"
     before, with_no, whole = (_any(table["unless"][kind]) for kind in ("before", "with_no", "whole"))
@@ -90,10 +91,6 @@ def _patterns() -> _Patterns:
         slips=frozenset(slip for word in table["slips"] for slip in _slips(word) if len(slip) >= SHORTEST) - {"step"},
         articles=frozenset(table["articles"]),
     )
-
-
-def _all(table: dict[str, Any]) -> list[str]:
-    return [words for language in table.values() for words in language]
 
 
 def _slips(word: str) -> Iterable[str]:

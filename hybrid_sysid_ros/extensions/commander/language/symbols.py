@@ -89,7 +89,7 @@ class _Reader(QuantityReader):
         known = self.lexicon.words | self.vocabulary.words(self.lexicon.name)
         numbers = self.lexicon.table["numbers"]
         for k, (token, word) in enumerate(zip(self.tokens, self.words, strict=True)):
-            if token.kind != "word" or word in known or self._follows(k):
+            if token.kind != "word" or word in known or token.text in self.vocabulary.rig.references:
                 continue
             after_number = k > 0 and (self.tokens[k - 1].kind == "number" or self.words[k - 1] in numbers)
             if self.unit(token.text) is not None:
@@ -120,10 +120,6 @@ class _Reader(QuantityReader):
         if after_number and not candidates:
             raise UserError(f"no unit {self.tokens[k].text[:40]!r}: known are {self.listed_units()}, s, Hz, %")
         raise UnknownWordError(self.tokens[k].text, candidates)
-
-    def _follows(self, k: int) -> bool:
-        """Whether a word is a reference of the rig's that is to be followed."""
-        return self.tokens[k].text in self.vocabulary.rig.references
 
     def take(self) -> None:
         """The next phrase."""

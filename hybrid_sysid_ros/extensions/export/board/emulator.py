@@ -6,7 +6,6 @@ import re
 import subprocess
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 
 from hybrid_sysid_ros.extensions.export.board.folder import make, tethered_make
 from hybrid_sysid_ros.support.errors import UserError
@@ -30,9 +29,7 @@ class BoardEmulator:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def start(self) -> None:

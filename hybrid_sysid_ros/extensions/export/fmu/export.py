@@ -66,7 +66,7 @@ def export_simulation(
     check_file(out, suffix=".fmu", replace=overwrite)
     part = "plant" if model is None else "model"
     name = f"{unit_name(rig.name)}_{part}"
-    made = Simulation.of_plant(name, rig) if model is None else Simulation.of_model(name, rig, model)
+    made = Simulation(name=name, rig=rig, bias=rig.bias) if model is None else Simulation.of_model(name, rig, model)
     title = f"The simulated plant of {rig.name}" if model is None else f"{model.structure} of {rig.name}, {seal}"
     content = of_simulation(made, title=title)
     with written_file(Path(out)) as partial:

@@ -27,7 +27,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import check_file, written_file
+from hybrid_sysid_ros.support.files import check_file, write_text
 
 HERE = Path(__file__).parent
 TOLERANCE, CONVERGED = 1e-9, 1e-6
@@ -81,8 +81,7 @@ def export_page(
         if found is not None:
             differences[name] = found
     text = _page(data, code, f"DAQP\n\n{licence}\n\n{library_licence()}")
-    with written_file(Path(out)) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(out, text)
     return PageExport(differences=differences, bytes=len(text.encode()))
 
 

@@ -23,7 +23,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import check_file, written_file
+from hybrid_sysid_ros.support.files import check_file, write_text
 
 SUFFIXES = {"urdf": ".urdf", "mjcf": ".xml"}
 MOST = 0.25
@@ -62,8 +62,7 @@ def export_robot(
                 f"export: a free run in MuJoCo differs by {difference:.0%} from that of the model, for what MJCF can't "
                 f"say ({' '.join(notes[1:])}); it would mislead: write an FMU"
             )
-    with written_file(Path(out)) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(out, text)
     return RobotExport(joints=joints, remarks=notes, difference=difference)
 
 

@@ -29,18 +29,13 @@ LONGEST = 100_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simulation:
-    """A rig's simulated plant without noise and disturbances."""
+    """A rig's simulated plant without noise and disturbances: its actuators, stops, and the age of its readings."""
 
     name: str
     """What every name in C begins with."""
     rig: Rig
     bias: tuple[float, ...]
     """What is added to each input (m,)."""
-
-    @classmethod
-    def of_plant(cls, name: str, rig: Rig) -> Simulation:
-        """The simulated rig with its actuators, stops and bias, and with the age of its readings."""
-        return cls(name=name, rig=rig, bias=rig.bias)
 
     @classmethod
     def of_model(cls, name: str, rig: Rig, model: Model, *, stops: bool = False) -> Simulation:

@@ -68,10 +68,8 @@ def _table(found: comparison.ResponseComparison, system: System, output: int, ch
     gains, phases = [
         [part(item) for item in (found.measured, found.simulated)] for part in (comparison.gain, comparison.phase)
     ]
-    open_gain, open_phase = (
-        comparison.WIDTHS[0.9] * found.gain_deviations,
-        np.degrees(comparison.WIDTHS[0.9] * found.phase_deviations),
-    )
+    open_gain = comparison.WIDTHS[0.9] * found.gain_deviations
+    open_phase = np.degrees(comparison.WIDTHS[0.9] * found.phase_deviations)
     for k in np.unique(np.linspace(0, bands - 1, min(ROWS, bands)).round().astype(int)):
         at = k, output, channel
         table.add_row(

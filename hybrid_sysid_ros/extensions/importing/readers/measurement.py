@@ -93,10 +93,8 @@ class TdmsFile(LogFile):
                     if channel.dtype is None or np.dtype(channel.dtype).kind not in "fiubM":
                         continue
                     name = f"{group.name}.{channel.name}" if several else channel.name
-                    unit, step = (
-                        str(channel.properties.get("unit_string", "")),
-                        channel.properties.get("wf_increment", 0.0),
-                    )
+                    unit = str(channel.properties.get("unit_string", ""))
+                    step = channel.properties.get("wf_increment", 0.0)
                     track = (float(step), float(channel.properties.get("wf_start_offset", 0.0)), len(channel))
                     if step and track not in tracks:
                         tracks[track] = f"{name}.time"

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison,
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.runtime import session
-from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256, written_file
+from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256, write_text
 
 BAG, NUMBERS, PAGE = "replayed", "replay.json", "report.html"
 
@@ -68,8 +68,7 @@ def command(
         for table in tables(comparison):
             terminal.print_table(table)
     if out is not None:
-        with written_file(out / NUMBERS) as partial:
-            partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        write_text(out / NUMBERS, json.dumps(content, indent=2) + "\n")
         provenance = report.Provenance(
             command=terminal.typed(),
             hashes={f"bag, {bags.name_of(bag)}": sha256(bag), f"bag, {BAG}": sha256(out / BAG)},

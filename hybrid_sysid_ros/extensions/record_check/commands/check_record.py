@@ -67,11 +67,8 @@ def command(
             console.print(line)
     if report is not None:
         by_name = dict(zip([record.name for record in records], found.values(), strict=True))
-        made_by, hashes = (
-            typed(),
-            {f"bag {one.name}": one.digest for one in records},
-        )
-        provenance = reports.Provenance(command=made_by, hashes=hashes, versions=versions())
+        hashes = {f"bag {one.name}": one.digest for one in records}
+        provenance = reports.Provenance(command=typed(), hashes=hashes, versions=versions())
         write_record_page(report, described, records, by_name, provenance)
         status.print(str(report))
     if any(item.blocks for findings in found.values() for item in findings):

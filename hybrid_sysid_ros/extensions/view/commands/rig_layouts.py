@@ -11,7 +11,7 @@ from hybrid_sysid_ros.commands.terminal import Overwrite, RigPlace, console
 from hybrid_sysid_ros.extensions.view import layouts
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
 from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.support.files import check_file, written_file
+from hybrid_sysid_ros.support.files import check_file, write_text
 
 
 def command(
@@ -29,6 +29,5 @@ def command(
     for name in contents:
         check_file(folder / name, replace=overwrite)
     for name, content in contents.items():
-        with written_file(folder / name) as file:
-            file.write_text(content, encoding="utf-8")
+        write_text(folder / name, content)
         console.print(str(folder / name))

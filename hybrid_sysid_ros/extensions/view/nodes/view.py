@@ -119,7 +119,12 @@ class ViewNode(RigNode):
             "policies": offer.policies,
             "services": requests.SERVICES,
             "weights": [
-                {"name": name, "low": item.low, "high": item.high, "of": self._weighed(item.each)}
+                {
+                    "name": name,
+                    "low": item.low,
+                    "high": item.high,
+                    "of": [one.name for one in (system.outputs if item.each == "output" else system.inputs)],
+                }
                 for name, item in offer.weights.items()
             ],
             "period": 1.0 / defaults(self.rig, "plant")["rate"],
@@ -132,10 +137,6 @@ class ViewNode(RigNode):
         """Lowest and highest value of an output, as it is shown; None where the rig's file sets no end."""
         ends = sorted((self.rig.travel_of_outputs[:, k] / self.offered.outputs[k].scale).tolist())
         return ends if all(map(math.isfinite, ends)) else None
-
-    def _weighed(self, each: str) -> list[str]:
-        """Names of what the entries of a weight are for."""
-        return [item.name for item in (self.rig.system.outputs if each == "output" else self.rig.system.inputs)]
 
     def frame(self, cursor: Cursor) -> bytes:
         return self.history.tables.frame(cursor)
