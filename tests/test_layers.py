@@ -35,7 +35,7 @@ NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*|extensions/native/rig_text
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
     "torch": re.compile(r"extensions/(policies/(network|training)|recurrent/training)\.py"),
-    "casadi": re.compile(r"(core/\w+|extensions/(ipopt/interior_point|export/simulation/simulation))\.py"),
+    "casadi": re.compile(r"(core/\w+|extensions/ipopt/interior_point)\.py"),
     "sysidentpy": re.compile(r"extensions/narx/term_selection\.py"),
     "optuna": re.compile(r"extensions/(search/study|shared/(database|trials)|tuning/front)\.py"),
     "joblib": re.compile(r"extensions/shared/parallel\.py"),

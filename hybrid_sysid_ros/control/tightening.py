@@ -106,14 +106,14 @@ def tightened(
     course = _course(system, problem, between)
     gains = _regulator(system, problem, between[0]) if asked.feedback else np.zeros((m, n))
     values = problem.outputs_of(system)
-    slopes = [_slopes(system, values, problem, free, x, u) for x, u in course]
+    jacobians = [_jacobians(system, values, problem, free, x, u) for x, u in course]
     size = n + len(staying)
     widest = np.zeros((problem.horizon, n + len(problem.terms)))
-    for begin in range(len(slopes) - problem.horizon + 1):
+    for begin in range(len(jacobians) - problem.horizon + 1):
         spread = np.zeros((size, size))
         spread[:n, :n], spread[n:, n:] = estimated, staying
         for i in range(problem.horizon):
-            a, b, by_staying, seen = slopes[begin + i]
+            a, b, by_staying, seen = jacobians[begin + i]
             whole, answered = np.eye(size), b @ gains * (i > 0)
             whole[:n, :n], whole[:n, n:] = a - answered, by_staying
             spread = whole @ spread @ whole.T
@@ -163,7 +163,7 @@ def _course(system: System, problem: ControlProblem, between: Sequence[Array]) -
     return list(zip(found.states[:-1], found.inputs, strict=True))
 
 
-def _slopes(
+def _jacobians(
     system: System, values: System, problem: ControlProblem, free: Sequence[int], x: Array, u: Array
 ) -> tuple[Array, Array, Array, Array]:
     """A, B and [B, derivatives by the free parameters] of a period, and the derivatives of the terms at its end."""
@@ -171,17 +171,17 @@ def _slopes(
     a, rest = np.eye(n), np.zeros((n, m + len(free)))
     columns = slice(n, n + m + len(free))
     for _ in range(problem.substeps):
-        x, slope = step_with_jacobian(system, x, u, step=step, smoothing=problem.smoothing, learn=bool(free))
-        a, rest = slope[:, :n] @ a, slope[:, :n] @ rest + slope[:, columns]
+        x, jacobian = step_with_jacobian(system, x, u, step=step, smoothing=problem.smoothing, learn=bool(free))
+        a, rest = jacobian[:, :n] @ a, jacobian[:, :n] @ rest + jacobian[:, columns]
     drive = np.concatenate([u, problem.stage_values[0], np.zeros(m)])[: len(values.inputs)]
-    _, slope = step_with_jacobian(values, x, drive, step=step, output=True)
-    return a, rest[:, :m], rest, slope[len(system.outputs) :, :n]
+    _, jacobian = step_with_jacobian(values, x, drive, step=step, output=True)
+    return a, rest[:, :m], rest, jacobian[len(system.outputs) :, :n]
 
 
 def _regulator(system: System, problem: ControlProblem, outputs: Array) -> Array:
     """Gains K (m, n) of u = -K x about rest at outputs (p,), by the problem's weights."""
     rest = steady_motion(system, problem, outputs)
-    a, b, _, _ = _slopes(system, system, problem, [], rest.state, rest.inputs)
+    a, b, _, _ = _jacobians(system, system, problem, [], rest.state, rest.inputs)
     _, c, _ = jacobian_at(system, problem, rest.state, rest.inputs, output=True)
     weights = problem.stage_weights
     seen = c.T @ (weights.outputs[0, : len(c), None] * c)

@@ -37,6 +37,21 @@ def symbolic_output(system: System) -> casadi.Function:
     return casadi.Function("output", [x, u], [y], ["x", "u"], ["y"])
 
 
+def equations_in_c(system: System, name: str, *, step: float) -> str:
+    """C of NAME_following and NAME_output, the step of ``step`` [s] and the output map, functions of states, inputs and
+    parameters that CasADi prints.
+    """
+    weights = casadi.SX(casadi.DM(system.weights))
+    generator = casadi.CodeGenerator(f"{name}_equations.c", {"with_header": False, "casadi_int": "int"})
+    for what, found in (
+        ("following", trace.step_of(system, weights=weights)), ("output", trace.output_of(system, weights=weights)),
+    ):  # fmt: skip
+        (result,) = casadi.substitute([found.result], [found.h, found.s], [casadi.SX(step), casadi.SX(0.0)])
+        generator.add(casadi.Function(f"{name}_{what}", [found.x, found.u, found.p], [casadi.densify(result)]))
+    head = "#define CASADI_SYMBOL_EXPORT /* nothing: no other library calls these */\n"
+    return f"/* The equations, printed by CasADi. Generated; do not edit. */\n{head}\n{generator.dump()}"
+
+
 def symbolic_features(system: System) -> casadi.Function:
     """The features of a network as a CasADi function of the declared states and the inputs, (x, u) -> z."""
     return _of_declared(system, "z", system.feature)

@@ -189,7 +189,7 @@ class Estimator(ABC):
             self.counters.updates += int(valid.sum())
             self.counters.invalid += int((~valid).sum())
             return self._start(time, 0, self._outputs)
-        if math.isnan(elapsed):  # only a further channel has told something
+        if math.isnan(elapsed):  # only a further channel has reported something
             since, self._last = float(self._memory.inputs[-1, 0]), time
             return self._take(time, min(since, time), 0, self._outputs)
         if not elapsed > 0.0:

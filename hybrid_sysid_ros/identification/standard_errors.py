@@ -90,11 +90,11 @@ def block_spread(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) ->
     for begin, end in pairwise(edges):
         cuts += np.linspace(begin, end, pieces + 1).astype(int)[1:].tolist()
     rows = slice(edges[-1], None)
-    prior, slope = jacobian[rows].T @ jacobian[rows], jacobian[rows].T @ residuals[rows]
+    prior, gradient = jacobian[rows].T @ jacobian[rows], jacobian[rows].T @ residuals[rows]
     moves = []
     for begin, end in pairwise(cuts):
         own = jacobian[begin:end]
-        moves.append(_inverse(own.T @ own + prior)[0] @ (own.T @ residuals[begin:end] + slope))
+        moves.append(_inverse(own.T @ own + prior)[0] @ (own.T @ residuals[begin:end] + gradient))
     return np.asarray(np.std(moves, axis=0, ddof=1) / np.sqrt(len(moves)))
 
 

@@ -202,22 +202,22 @@ class _StartProblem:
         sensitivities = Sensitivities(self.system, parameters=(), states=list(self.free), learn=False)
         out = np.empty((len(moves) * len(self.measured), self.measured.shape[1], sensitivities.count))
         sensitivities.rollouts(self.system, starts, first, self.experiment.inputs, **given, out=out)
-        slopes = out.reshape(len(moves), *self.measured.shape, len(self.free))
+        jacobian = out.reshape(len(moves), *self.measured.shape, len(self.free))
         with np.errstate(over="ignore", invalid="ignore"):
-            slopes = np.clip(np.nan_to_num(slopes * (self.scales / errors[:, None])), -FAILED, FAILED)
+            jacobian = np.clip(np.nan_to_num(jacobian * (self.scales / errors[:, None])), -FAILED, FAILED)
             found = np.clip(np.nan_to_num(self.residuals(moves)[0] / errors, nan=FAILED), -FAILED, FAILED)
         if self.experiment.measured is not None:
-            slopes[:, ~self.experiment.measured[: len(self.measured)]] = 0.0
-        matrix = np.einsum("bkoi,bkoj->bij", slopes, slopes) + np.diag(self.priors**2)
-        return matrix, np.einsum("bkoi,bko->bi", slopes, found) + self.priors**2 * moves
+            jacobian[:, ~self.experiment.measured[: len(self.measured)]] = 0.0
+        matrix = np.einsum("bkoi,bkoj->bij", jacobian, jacobian) + np.diag(self.priors**2)
+        return matrix, np.einsum("bkoi,bko->bi", jacobian, found) + self.priors**2 * moves
 
     def search(self, moves: Array, errors: Array) -> tuple[Array, Array]:
         """Levenberg-Marquardt from several moves at once: the moves (beginnings, free) at the ends and their costs."""
         moves, costs, damping = moves.copy(), self.costs(moves, errors), np.full(len(moves), 1e-3)
         for _ in range(ITERATIONS):
-            matrix, slope = self.normal(moves, errors)
+            matrix, gradient = self.normal(moves, errors)
             damped = matrix + damping[:, None, None] * (matrix * np.eye(len(self.free)))
-            trial = moves - np.linalg.solve(damped, slope[:, :, None])[:, :, 0]
+            trial = moves - np.linalg.solve(damped, gradient[:, :, None])[:, :, 0]
             tried = self.costs(trial, errors)
             better = tried < costs
             still = np.where(better, costs - tried <= STILL * costs, damping > 1e6)

@@ -24,7 +24,7 @@ def export_casadi(
 
     step: of the step function [s], a multiple of the model's, which is the default; a recurrence has one only.
     smoothing: rounds stick-slip over so much velocity, 0 for the exact step, whose derivative jumps. u acts at once:
-    delays are told in model.json. Raises UserError where the place can't be written or the step is no multiple.
+    model.json lists the delays. Raises UserError where the place can't be written or the step is no multiple.
     """
     check_folder(folder, marker=STEP, replace=overwrite)
     system, own = model.system, model.sampling.step

@@ -24,7 +24,7 @@ BATCH = "instances"
 class Graph:
     """Nodes and constants as they are added; each method returns the name of its result.
 
-    Values are (instances, size) or, where told, (instances, 1).
+    Values are (instances, size) or, where stated, (instances, 1).
     """
 
     def __init__(self) -> None:

@@ -190,8 +190,14 @@ class Processes(Workers[Item, Result]):
             process.shutdown(kill_workers=True)  # type: ignore[call-arg]  # loky's
 
 
-def workers_for(work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> Workers[Item, Result]:
-    """Processes, or for one job this process itself."""
+def workers_for(
+    work: Callable[[Item], Result], *, jobs: int = 0, cluster: str = "", **more: Any
+) -> Workers[Item, Result]:
+    """A cluster, where its address is given, else processes, or for one job this process itself."""
+    if cluster:
+        from hybrid_sysid_ros.extensions.shared.cluster import Cluster
+
+        return Cluster(work, cluster, jobs=jobs, **more)
     return Here(work, **more) if count(jobs) == 1 else Processes(work, jobs=jobs, **more)
 
 
@@ -270,14 +276,7 @@ def run(
     """
     found: dict[int, Result] = {}
     jobs = min(count(workers), max(len(pieces), 1))
-    crew: Workers[tuple[int, Item], Result]
-    if cluster:
-        from hybrid_sysid_ros.extensions.shared.cluster import Cluster
-
-        crew = Cluster(partial(_numbered, work), cluster, jobs=jobs)
-    else:
-        crew = workers_for(partial(_numbered, work), jobs=jobs)
-    with crew:
+    with workers_for(partial(_numbered, work), jobs=jobs, cluster=cluster) as crew:
         for (number, _), result, _ in resumed(
             crew, list(enumerate(pieces)), store=store, key=lambda item: item[1], finish=True
         ):

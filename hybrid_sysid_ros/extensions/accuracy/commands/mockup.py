@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,8 +20,7 @@ from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import parameter_ro
 from hybrid_sysid_ros.extensions.accuracy.setup import Setup
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy
 from hybrid_sysid_ros.extensions.accuracy.verdict import Found
-from hybrid_sysid_ros.extensions.shared.cluster import Cluster
-from hybrid_sysid_ros.extensions.shared.parallel import Lost, Store, Workers, resumed, workers_for
+from hybrid_sysid_ros.extensions.shared.parallel import Lost, Store, resumed, workers_for
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -132,7 +130,8 @@ class Crew:
         """So many shots. Raises UserError where processes are lost again and again."""
         store: Store[NamedArrays] = Store(self.folder, json.dumps(where.content(), sort_keys=True, default=repr))
         items, found = list(batches(count, BATCH)), {}
-        with self._workers(where) as workers, progress_bars(status) as update:
+        crew = workers_for(where, jobs=self.jobs, cluster=self.cluster, tell=status.print)
+        with crew as workers, progress_bars(status) as update:
             for numbers_of, result, _ in resumed(workers, items, store=store, finish=True):
                 if isinstance(result, Lost):
                     raise UserError(f"{name}: {result.reason}")
@@ -140,11 +139,6 @@ class Crew:
                 update(name, min(BATCH * len(found), count), count)
         rows = {key: np.concatenate([found[item][key] for item in items]) for key in found[items[0]]}
         return MonteCarloRuns(where=where, rows=rows)
-
-    def _workers(self, work: Callable[[tuple[int, ...]], NamedArrays]) -> Workers[tuple[int, ...], NamedArrays]:
-        if self.cluster:
-            return Cluster(work, self.cluster, jobs=self.jobs, tell=status.print)
-        return workers_for(work, jobs=self.jobs, tell=status.print)
 
 
 def _content(found: Found) -> dict[str, Any]:

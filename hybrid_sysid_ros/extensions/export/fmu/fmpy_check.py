@@ -31,7 +31,7 @@ def fmpy() -> ModuleType:
 
 
 def headers() -> dict[str, str]:
-    """The headers of FMI 3.0 (2-Clause BSD, told at the head of each) by their file names."""
+    """The headers of FMI 3.0 (2-Clause BSD, stated at the head of each) by their file names."""
     folder = Path(str(fmpy().__file__)).parent / "c-code"
     try:
         return {name: (folder / name).read_text(encoding="utf-8") for name in HEADERS}
@@ -52,7 +52,7 @@ class RunningFmu:
         self._module = fmpy()
         self._folder = TemporaryDirectory()
         self.messages: list[str] = []
-        """What it told."""
+        """What it has logged."""
         self._module.extract(str(path), self._folder.name)
         self.description: Any = self._module.read_model_description(self._folder.name)
         self.references = {item.name: item.valueReference for item in self.description.modelVariables}

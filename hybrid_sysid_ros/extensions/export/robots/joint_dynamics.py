@@ -23,7 +23,7 @@ the least number of their points in the range of the training.
 """
 COUPLED, MOST = 0.02, 0.25
 """Largest share of another joint in an acceleration, and of what is not linear, with which a joint is written."""
-TOLD = 0.005
+STATED = 0.005
 """Share from which something left out is named."""
 FORCES = ("N", "N m")
 
@@ -156,7 +156,7 @@ def _friction(system: System, velocity: str, at: int, x: Array, u: Array) -> tup
             continue
         rates = np.array([float(context.field(contact.viscous, row, inputs)) for row, inputs in _rows(x, u)])
         viscous += float(np.mean(rates))
-        if np.ptp(rates) > TOLD * abs(np.mean(rates)):
+        if np.ptp(rates) > STATED * abs(np.mean(rates)):
             left.append(f"The viscous friction of {velocity} changes by {np.ptp(rates) / np.mean(rates):.0%}.")
         if isinstance(contact, Viscous) or not hasattr(contact, "level"):
             continue
@@ -166,11 +166,11 @@ def _friction(system: System, velocity: str, at: int, x: Array, u: Array) -> tup
         still = x.copy()
         still[:, at] = 0.0
         at_rest = float(np.mean([float(context.field(contact.level, row, inputs)) for row, inputs in _rows(still, u)]))
-        if abs(at_rest - level) > TOLD * level:
+        if abs(at_rest - level) > STATED * level:
             left.append(
                 f"The friction of {velocity} at rest is {at_rest / level - 1.0:+.0%} of that in motion (Stribeck)."
             )
-        elif np.ptp(levels) > TOLD * level:
+        elif np.ptp(levels) > STATED * level:
             left.append(f"The dry friction of {velocity} changes by {np.ptp(levels) / level:.0%} with the state.")
         left += _kind(contact, velocity)
     return friction, viscous, left
@@ -196,7 +196,7 @@ def _kind(contact: Contact, velocity: str) -> list[str]:
 
 def _other_terms(system: System, model: Model, joint: Any, rest: float) -> list[str]:
     left = []
-    if rest > TOLD:
+    if rest > STATED:
         what = "network and curved terms" if system.design else "curved terms"
         left.append(f"{rest:.1%} of the acceleration is not linear ({what}, such as a dead zone).")
     delays = dict(zip((item.name for item in system.inputs), system.input_delays.tolist(), strict=True))

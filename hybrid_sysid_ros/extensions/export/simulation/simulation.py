@@ -8,12 +8,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import casadi
 import numpy as np
 
-from hybrid_sysid_ros.core import trace
+from hybrid_sysid_ros.core.symbolic import equations_in_c
 from hybrid_sysid_ros.core.system import System
-from hybrid_sysid_ros.core.trace import Trace
 from hybrid_sysid_ros.extensions.export.c_source import WIDTH, Text, number
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.actuator import Actuator
@@ -136,7 +134,7 @@ class Simulation:
             )
             for ending in (".h", ".c")
         }
-        return found | {f"{self.name}_equations.c": self._equations()}
+        return found | {f"{self.name}_equations.c": equations_in_c(self.system, self.name, step=rig.step)}
 
     def _delays(self, delays: Iterable[float], what: str) -> tuple[list[int], list[float]]:
         """Where what is kept of each delayed signal begins, with the end, and the remaining part of a step of each."""
@@ -150,25 +148,6 @@ class Simulation:
             first.append(first[-1] + int(steps) + 2)
             parts.append(steps - int(steps))
         return first, parts
-
-    def _equations(self) -> str:
-        """The step and the output as C by CasADi, functions of states, inputs and parameters."""
-        system = self.system
-        weights = casadi.SX(casadi.DM(system.weights))
-        traced = {
-            "following": trace.step_of(system, weights=weights),
-            "output": trace.output_of(system, weights=weights),
-        }
-        generator = casadi.CodeGenerator(f"{self.name}_equations.c", {"with_header": False, "casadi_int": "int"})
-        for name, found in traced.items():
-            generator.add(self._function(f"{self.name}_{name}", found))
-        head = "#define CASADI_SYMBOL_EXPORT /* nothing: no other library calls these */\n"
-        return f"/* The equations, printed by CasADi. Generated; do not edit. */\n{head}\n{generator.dump()}"
-
-    def _function(self, name: str, found: Trace) -> casadi.Function:
-        values = [casadi.SX(self.rig.step), casadi.SX(0.0)]
-        result = casadi.substitute([found.result], [found.h, found.s], values)
-        return casadi.Function(name, [found.x, found.u, found.p], [casadi.densify(result[0])])
 
 
 def _table(kind: str, name: str, values: Iterable[float]) -> str:
