@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-import casadi
 import daqp
 import numpy as np
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.stage_values import StageValues, depend_on_states
-from hybrid_sysid_ros.core.symbolic import symbolic_output
+from hybrid_sysid_ros.core.stage_values import StageValues, affine_values, depend_on_states
 from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
@@ -144,21 +142,15 @@ def check_hard(
     hard = [k for k, term in enumerate(terms) if term.hard]
     if not hard:
         return
-    whole, m = with_terms(system, terms, stage), len(system.inputs)
-    x, u = casadi.DM.zeros(len(system.states)), casadi.SX.sym("u", len(whole.inputs))
-    found = symbolic_output(whole)(x, u)[[len(system.outputs) + k for k in hard]]
-    slopes = casadi.jacobian(found, u)[:, :m]
-    evaluate = casadi.Function("hard", [u], [found, slopes])
-    affine = [k for k in range(len(hard)) if not casadi.depends_on(slopes[k, :], u[:m])]
+    whole, m, first = with_terms(system, terms, stage), len(system.inputs), len(system.outputs)
     for row in dict.fromkeys(map(tuple, values.tolist())):
-        at, by = (
-            np.array(item) for item in evaluate([*np.zeros(m), *row, *np.zeros(len(whole.inputs) - m - len(row))])
-        )
-        for group in (*combinations(affine, 1), *combinations(affine, 2), affine):
-            own, offset = [terms[hard[k]] for k in group], at[list(group), 0]
-            upper = np.clip([*high, *([term.high for term in own] - offset)], -FAR, FAR)
-            lower = np.clip([*low, *([term.low for term in own] - offset)], -FAR, FAR)
-            if daqp.solve(np.eye(m), np.zeros(m), by[list(group)], upper, lower)[2] == INFEASIBLE:
+        affine, at, by = affine_values(whole, m, row)
+        single = [k for k in hard if affine[first + k]]
+        for group in (*combinations(single, 1), *combinations(single, 2), single):
+            own, rows = [terms[k] for k in group], [first + k for k in group]
+            upper = np.clip([*high, *([term.high for term in own] - at[rows])], -FAR, FAR)
+            lower = np.clip([*low, *([term.low for term in own] - at[rows])], -FAR, FAR)
+            if daqp.solve(np.eye(m), np.zeros(m), by[rows], upper, lower)[2] == INFEASIBLE:
                 names, number = " and ".join(term.name for term in own), values.tolist().index(list(row)) + 1
                 raise UserError(
                     f"mpc: the hard bounds of {names} leave no input at stage {number}, within those of the inputs; "

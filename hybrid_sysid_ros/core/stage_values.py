@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi
+import numpy as np
 
 from hybrid_sysid_ros.core import mathematics
 from hybrid_sysid_ros.core.declaration import Variable
@@ -18,6 +19,7 @@ from hybrid_sysid_ros.core.symbolic import symbolic_output
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.core.wrappers import Wrapper
 from hybrid_sysid_ros.support import errors
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 _FUNCTIONS = {
@@ -146,3 +148,17 @@ def depend_on_states(system: System) -> list[bool]:
     output = symbolic_output(system)
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
     return [bool(casadi.depends_on(value, x)) for value in casadi.vertsplit(output(x, u))]
+
+
+def affine_values(system: System, count: int, further: Sequence[float]) -> tuple[list[bool], Array, Array]:
+    """Whether each output of a system is affine in its first ``count`` inputs; values (outputs,) and derivatives
+    (outputs, count) where states and these are 0. further: the inputs behind them; those that are missing are 0.
+    """
+    x, u = casadi.DM.zeros(len(system.states)), casadi.SX.sym("u", len(system.inputs))
+    found = symbolic_output(system)(x, u)
+    slopes = casadi.jacobian(found, u)[:, :count]
+    at = np.zeros(len(system.inputs))
+    at[count : count + len(further)] = further
+    values, by = casadi.Function("values", [u], [found, slopes])(at)
+    affine = [not casadi.depends_on(slopes[k, :], u[:count]) for k in range(len(system.outputs))]
+    return affine, np.array(values)[:, 0], np.array(by)
