@@ -19,11 +19,11 @@ from rich.table import Table
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table, status
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
-from hybrid_sysid_ros.extensions.accuracy.guarded_controller import GuardedController
 from hybrid_sysid_ros.extensions.accuracy.guarded_loop import guarded_loop
 from hybrid_sysid_ros.extensions.policies.configured import trial_of
 from hybrid_sysid_ros.extensions.policies.mixture import DISTURBED, stratum_of
 from hybrid_sysid_ros.extensions.shared import parallel
+from hybrid_sysid_ros.extensions.shared.guarded_controller import GuardedController
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load

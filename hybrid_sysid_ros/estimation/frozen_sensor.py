@@ -10,6 +10,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hybrid_sysid_ros.support.arrays import Floats
+
 STILL = 0.05
 """Share of the variance that differences of white noise have, below which a sensor is frozen."""
 ENOUGH = 20
@@ -37,7 +39,7 @@ def frozen_detectors(noise: Sequence[float], after: int) -> tuple[list[FrozenSen
     return [FrozenSensorDetector(STILL * 2.0 * item**2 * after) for item in noise], [0.0] * (len(noise) * after)
 
 
-def is_frozen(detector: FrozenSensorDetector, ring: list[float], k: int, after: int, reading: float) -> bool:
+def is_frozen(detector: FrozenSensorDetector, ring: Floats, k: int, after: int, reading: float) -> bool:
     """Whether this reading of sensor k and those before it have been too still for too long."""
     change, detector.last = reading - detector.last, reading
     if after == 0:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ from hybrid_sysid_ros.estimation.sensor_monitor import (
 )
 from hybrid_sysid_ros.estimation.suspicion import LONGEST
 from hybrid_sysid_ros.estimation.tuning import Tuning
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, Floats
 
 DIVERGED = 1.5
 """Evidence of an estimated input disturbance that is at its limit."""
@@ -77,8 +76,8 @@ class EstimateWatch:
 
 
 def screen(
-    sensors: Sequence[MonitoredSensor], detectors: Sequence[FrozenSensorDetector], ring: list[float], outputs: Any,
-    shown: Any,
+    sensors: Sequence[MonitoredSensor], detectors: Sequence[FrozenSensorDetector], ring: Floats, outputs: Floats,
+    shown: Floats,
 ) -> bool:  # fmt: skip
     """Take the readings of sensors that are frozen or left out from outputs (p,), in place; shown (p,): with those that
     are left out. Whether a number remains.
@@ -107,7 +106,7 @@ def time_to_judge(watch: EstimateWatch, time: float) -> float:
 
 
 def watch_estimate(
-    watch: EstimateWatch, sensors: Sequence[MonitoredSensor], disturbance: Sequence[float], limits: Sequence[float],
+    watch: EstimateWatch, sensors: Sequence[MonitoredSensor], disturbance: Floats, limits: Floats,
     elapsed: float,
 ) -> None:  # fmt: skip
     """Judge an estimate, ``elapsed`` [s] after the last judged one; limits (m,): of its disturbance (m,)."""
@@ -142,14 +141,14 @@ class MonitoredEstimator:
         """
         self.system, self.tuning, self.settings = system, tuning, settings
         self._kind, self._period, self._latency = kind, period, latency
-        self._limits = NEARLY * np.array(tuning.checked(system).disturbance_limit)
-        self._limits[~(self._limits > 0.0) | (not settings.doubt_disturbance)] = math.inf
+        self.limits = NEARLY * np.array(tuning.checked(system).disturbance_limit)
+        self.limits[~(self.limits > 0.0) | (not settings.doubt_disturbance)] = math.inf
         self._spare = spare_sensors(system, tuning, step=system.sampling_time or LONGEST_STEP)
         others = {channel.of for channel in tuning.channels.values()}
         self._covered = [item.name in others for item in system.outputs]
         self._deviations = np.hypot(tuning.measurement_noise, tuning.hum_amplitude).tolist()
         self.outputs, self.shown = np.zeros(len(system.outputs)), np.zeros(len(system.outputs))
-        self._whole = self._new() if self._spare.any() else None
+        self.trial = self._new() if self._spare.any() else None
         self.begin()
 
     def _new(self) -> Estimator:
@@ -202,11 +201,11 @@ class MonitoredEstimator:
         if sum(self.monitor.counts) > out:
             self.filter.loosen()
             self._agreed = math.nan
-        watch_estimate(self.watch, sensors, estimate.disturbance.tolist(), self._limits.tolist(), elapsed)
+        watch_estimate(self.watch, sensors, estimate.disturbance.tolist(), self.limits.tolist(), elapsed)
 
     def _try_again(self, time: float, applied: Array, elapsed: float) -> None:
         """Use all sensors again once a second estimate, which begins anew where they contradict it, agrees with all."""
-        whole, begins = self._whole, math.isnan(self._agreed)
+        whole, begins = self.trial, math.isnan(self._agreed)
         if any(sensor.away for sensor in self.monitor.sensors):
             self._agreed = math.nan
             return
@@ -221,7 +220,7 @@ class MonitoredEstimator:
         self._agreed = math.nan if is_contradicted(self._agreement.sensors) else self._agreed + elapsed
         if self._agreed > max(AGREED, ENOUGH * self._period):
             whole.counters, self.filter.counters = self.filter.counters, whole.counters
-            self.filter, self._whole = whole, self.filter
+            self.filter, self.trial = whole, self.filter
             readmit(self.monitor.sensors)
 
     def expected(self, estimate: StateEstimate, applied: Array) -> Array:

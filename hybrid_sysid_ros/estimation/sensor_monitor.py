@@ -16,6 +16,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation.observability import check_observable
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, suspicion
 from hybrid_sysid_ros.estimation.tuning import Tuning
+from hybrid_sysid_ros.support.arrays import Floats
 from hybrid_sysid_ros.support.errors import UserError
 
 AVERAGE, LONG_AVERAGE = 0.1, 0.4
@@ -118,9 +119,9 @@ def renew(sensors: Sequence[MonitoredSensor]) -> None:
 def judge_sensors(
     monitor: MonitorRecord,
     sensors: Sequence[MonitoredSensor],
-    readings: Sequence[float],
-    normalised: Sequence[float],
-    expected: Sequence[float],
+    readings: Floats,
+    normalised: Floats,
+    expected: Floats,
     elapsed: float,
 ) -> None:
     """Take in an update after ``elapsed`` [s]: readings (outputs,), NaN where there is none, the parts (outputs,) of
@@ -306,9 +307,7 @@ class SensorMonitor:
         """See :func:`doubt_of`."""
         return doubt_of(self.sensors)
 
-    def judge(
-        self, readings: Sequence[float], normalised: Sequence[float], expected: Sequence[float] | None, elapsed: float
-    ) -> None:
+    def judge(self, readings: Floats, normalised: Floats, expected: Floats | None, elapsed: float) -> None:
         """See :func:`judge_sensors`."""
         known = expected if expected is not None else [math.nan] * len(self.sensors)
         judge_sensors(self.record, self.sensors, readings, normalised, known, elapsed)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+
+from hybrid_sysid_ros.support.arrays import Floats
 
 
 @dataclass(slots=True)
@@ -31,14 +32,14 @@ class GovernedOutput:
     reference: float = 0.0
 
 
-def lead_from(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], begin: Sequence[float]) -> None:
+def lead_from(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], begin: Floats) -> None:
     """Lead the reference on from here (p,)."""
     governor.free = False
     for k in range(len(outputs)):
         outputs[k].reference = begin[k]
 
 
-def come_back(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], begin: Sequence[float]) -> None:
+def come_back(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], begin: Floats) -> None:
     """Lead the reference on from here (p,), or from the nearest set-points. A rig that is beyond all of these has been
     driven there, and is brought back as fast as it may.
     """
@@ -48,8 +49,8 @@ def come_back(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], be
 
 
 def follow_reference(
-    governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], now: Sequence[float], preview: Any,
-    times: Sequence[float], share: float, elapsed: float, keep: bool,
+    governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], now: Floats, preview: Floats,
+    times: Floats, share: float, elapsed: float, keep: bool,
 ) -> None:  # fmt: skip
     """Govern a preview (points p,) in place, one point after another. now: the reference at this moment (p,). times
     (points,): of the preview, from now on [s]. share: of the rates. keep: go on to govern where it has met the

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from hybrid_sysid_ros.control.safety.failsafe import AGAIN, Evidence, Failsafe, judge_evidence
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
+from hybrid_sysid_ros.support.arrays import Floats
 
 ESTIMATE, ACTUATOR, RANGE = 0, 1, 2
 """Indices of the kinds of evidence."""
@@ -80,15 +81,13 @@ class GuardMemory(NamedTuple):
     inputs: Sequence[GuardedInput]
     states: Sequence[StateRange]
     outputs: Sequence[GovernedOutput]
-    sent: list[float]
+    sent: Floats
     """(REMEMBERED m,): the newest commands, in a ring."""
-    replaced: list[float]
+    replaced: Floats
     """(REMEMBERED,): how long ago each was replaced [s]; the newest one never was."""
 
 
-def judge(
-    guard: GuardMemory, doubt: float, without: float, applied: Sequence[float], state: Sequence[float], elapsed: float
-) -> int:
+def judge(guard: GuardMemory, doubt: float, without: float, applied: Floats, state: Floats, elapsed: float) -> int:
     """The level that an estimate allows; see :meth:`.guard.Guard.judge`."""
     core, failsafe, kinds = guard.core[0], guard.failsafe[0], guard.kinds
     kinds[ESTIMATE].value = doubt
@@ -113,7 +112,7 @@ def doubts_actuators(guard: GuardMemory, after: float) -> bool:
     return guard.kinds[ACTUATOR].seconds >= AGAIN * after
 
 
-def _beyond(guard: GuardMemory, state: Sequence[float]) -> float:
+def _beyond(guard: GuardMemory, state: Floats) -> float:
     """Evidence that the state is outside of its range."""
     states, most = guard.states, 0.0
     for a in range(len(states)):
@@ -123,7 +122,7 @@ def _beyond(guard: GuardMemory, state: Sequence[float]) -> float:
     return most
 
 
-def _doubt_of_actuators(guard: GuardMemory, applied: Sequence[float], elapsed: float) -> float:
+def _doubt_of_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> float:
     """Evidence that actuators don't do what was commanded."""
     core, inputs, sent, replaced = guard.core[0], guard.inputs, guard.sent, guard.replaced
     share, m, count, most, unlike = min(elapsed / AVERAGE, 1.0), len(inputs), 0, 0.0, 0.0
@@ -152,9 +151,7 @@ def _doubt_of_actuators(guard: GuardMemory, applied: Sequence[float], elapsed: f
     return max(most, min(unlike, CLEAREST))
 
 
-def govern(
-    guard: GuardMemory, level: int, now: Sequence[float], preview: list[float], times: Sequence[float], elapsed: float
-) -> None:
+def govern(guard: GuardMemory, level: int, now: Floats, preview: Floats, times: Floats, elapsed: float) -> None:
     """Let a preview (points p,), in place, move as a level allows; see :func:`.governor.follow_reference`."""
     governor, outputs = guard.governor[0], guard.outputs
     if level > 0 and governor.free:
@@ -164,7 +161,7 @@ def govern(
         follow_reference(governor, outputs, now, preview, times, share, elapsed, level > 0)
 
 
-def slow(guard: GuardMemory, inputs: list[float], rest: Sequence[float]) -> None:
+def slow(guard: GuardMemory, inputs: Floats, rest: Floats) -> None:
     """Keep inputs (m,), in place, as near to those at rest (m,) as they must be."""
     for j in range(len(guard.inputs)):
         room = 0.5 * guard.core[0].share * (guard.inputs[j].high - guard.inputs[j].low)
@@ -172,7 +169,7 @@ def slow(guard: GuardMemory, inputs: list[float], rest: Sequence[float]) -> None
     put_on_trial(guard, inputs)
 
 
-def put_on_trial(guard: GuardMemory, inputs: list[float]) -> None:
+def put_on_trial(guard: GuardMemory, inputs: Floats) -> None:
     """Keep inputs (m,), in place, within their bounds, and as small as they must be where an actuator is on trial."""
     tried = guard.core[0].tried
     for j in range(len(guard.inputs)):
@@ -181,7 +178,7 @@ def put_on_trial(guard: GuardMemory, inputs: list[float]) -> None:
         inputs[j] = min(max(min(max(inputs[j], middle - room), middle + room), low), high)
 
 
-def limit_rates(guard: GuardMemory, inputs: list[float], before: Sequence[float], elapsed: float) -> None:
+def limit_rates(guard: GuardMemory, inputs: Floats, before: Floats, elapsed: float) -> None:
     """Keep inputs (m,), in place, as near to those before (m,) as the actuators can follow in a time [s]."""
     for j in range(len(guard.inputs)):
         if guard.inputs[j].rate < math.inf:
@@ -189,7 +186,7 @@ def limit_rates(guard: GuardMemory, inputs: list[float], before: Sequence[float]
             inputs[j] = min(max(inputs[j], before[j] - reach), before[j] + reach)
 
 
-def remember(guard: GuardMemory, inputs: Sequence[float]) -> None:
+def remember(guard: GuardMemory, inputs: Floats) -> None:
     """Remember a command (m,) that was sent."""
     core, m = guard.core[0], len(guard.inputs)
     guard.replaced[core.row] = 0.0

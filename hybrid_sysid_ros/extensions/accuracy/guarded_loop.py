@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control.safety.guard import Guard
-from hybrid_sysid_ros.extensions.accuracy.guarded_controller import GuardedController
+from hybrid_sysid_ros.extensions.shared.guarded_controller import GuardedController
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_model, guard_settings

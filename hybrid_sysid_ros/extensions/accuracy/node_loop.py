@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
-from hybrid_sysid_ros.extensions.accuracy.guarded_controller import GuardedController
+from hybrid_sysid_ros.extensions.shared.guarded_controller import GuardedController
 from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig

@@ -131,7 +131,7 @@ def _make(
 
     name, model = unit_name(rig.name), load(model_folder, rig=rig.source)
     python = loop_in_python(rig, model, values["controller"], estimation=values["estimator"])
-    loop = unit.loop_of(rig, python.estimator, python.mpc, python.supervisor)
+    loop = unit.loop_of(rig, python)
     printer = unit.translated(loop, python.estimator._arrays, name, single=False)
     about = {"rig": rig.name, **seals}
     soft = python.mpc.shooting.memory[-1]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.safety.guard import REASONS
 from hybrid_sysid_ros.extensions.export.unit.folder import unit_name
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
 from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, LIVE, NODES, UNWATCHED_LOOP, UNWATCHED_SENSORS
@@ -17,7 +17,6 @@ from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.adapters import SLACK, WINDOW
 from hybrid_sysid_ros.nodes.signal_layout import FIELDS, SignalLayout, SignalPlace
 from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
-from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.parameters import NodeParameter, declarations, parameters
 
 KINDS = {bool: "IS_BOOL", int: "IS_WHOLE", float: "IS_NUMBER", str: "IS_TEXT"}
@@ -37,14 +36,12 @@ def texts(rig: Rig, python: PythonLoop, values: Mapping[str, Mapping[str, Any]],
     system, mpc = python.estimator.system, python.mpc
     name, layout = unit_name(rig.name), SignalLayout(rig, system)
     followed = tuple(python.estimator.tuning.followed)
-    guard = configuration.guard_settings(values["controller"], rig, system)
+    rates = python.guarded.guard.settings.rate
     bounds = [
         (item.low - slack, item.high + slack) for item in rig.actuators for slack in [SLACK * (item.high - item.low)]
     ]
     slots = [(place, -BEYOND, BEYOND) for place in layout.outputs]
     slots += [(place, *bound) for place, bound in zip(layout.inputs, bounds, strict=True)]
-    cascade = python.controller if isinstance(python.controller, Cascade) else None
-    gains = np.zeros(0) if cascade is None else np.ravel(np.array(mpc.system.gains))  # type: ignore[attr-defined]
     labels = python.estimator.labels
     numbers = {
         "STATES": len(layout.states),
@@ -59,7 +56,7 @@ def texts(rig: Rig, python: PythonLoop, values: Mapping[str, Mapping[str, Any]],
         "GATE": number(python.estimator.tuning.gate),
         "INNOVATIONS": round(WINDOW * values["estimator"]["rate"]),
         "BEYOND": number(BEYOND),
-        "STABILISED": int(cascade is not None),
+        "DOUBTS": len(REASONS),
         "LOCKSTEP_DEPTH": 10_000,
         "COVARIANCE_SIZE": len(labels),
         "COVARIANCE_LABEL": text(f"covariance of {', '.join(labels)}"),
@@ -77,13 +74,12 @@ def texts(rig: Rig, python: PythonLoop, values: Mapping[str, Mapping[str, Any]],
         "rest": ("double", [number(item.rest) for item in rig.actuators]),
         "input_low": ("double", list(map(number, python.limits[0]))),
         "input_high": ("double", list(map(number, python.limits[1]))),
-        "input_rate": ("double", list(map(number, guard.rate))),
-        "gains": ("double", list(map(number, gains))),
+        "input_rate": ("double", list(map(number, rates))),
+        "output_names": ("char *const", [text(item.name) for item in system.outputs]),
+        "doubt_names": ("char *const", list(map(text, REASONS))),
+        "doubts": ("char *const", list(map(text, REASONS.values()))),
         "reach_low": ("double", list(map(number, rig.reach[0]))),
         "reach_high": ("double", list(map(number, rig.reach[1]))),
-        "set_point_low": ("double", list(map(number, guard.reach[0]))),
-        "set_point_high": ("double", list(map(number, guard.reach[1]))),
-        "resume_rate": ("double", list(map(number, guard.resume_rate))),
     }
     forms = {
         "estimate_form": layout.estimate(followed),

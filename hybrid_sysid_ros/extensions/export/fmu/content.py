@@ -24,6 +24,7 @@ STATUSES = (
     ("failed", "No solution: the rest of the last plan, or the last command"),
     ("policy", "The policy's plan, which has passed the check"),
     ("held", "Neither a policy nor a plan: the last command"),
+    ("rested", "The guard rests the inputs"),
 )
 """In the order of a unit's enumeration."""
 _TYPE = re.compile(r"typedef\s+([\w\s]+?\*?)\s+(fmi3\w+?)TYPE\s*\(([^;]*)\);")

@@ -28,6 +28,8 @@ class PeriodAnswer(NamedTuple):
     """(n,)."""
     disturbance: Array
     """(m,)."""
+    judged: Array
+    """(2,): the level that the guard allows, and its cause."""
 
 
 def build(compiler: str, folder: Path, name: str, into: Path, *, flags: tuple[str, ...] = ()) -> Path:
@@ -55,7 +57,7 @@ class BuiltUnit:
     ) -> None:
         """single: its numbers are floats."""
         number = ctypes.c_float if single else ctypes.c_double
-        self._size = outputs, inputs, horizon * outputs
+        self._number: Any = number
 
         class Measurement(ctypes.Structure):
             _fields_ = (("time", ctypes.c_double), ("outputs", number * outputs), ("applied", number * inputs))
@@ -67,12 +69,14 @@ class BuiltUnit:
                 ("state", number * states),
                 ("ahead", number * states),
                 ("disturbance", number * inputs),
+                ("judged", ctypes.c_int * 2),
             )
 
         self._measurement, self._command = Measurement(), Command()
         self._preview = np.zeros(horizon * outputs, np.float32 if single else np.float64)
         loaded = ctypes.CDLL(str(library))
         self._step, self._reset = getattr(loaded, f"{name}_step"), getattr(loaded, f"{name}_reset")
+        self._sent = getattr(loaded, f"{name}_sent")
         self._prepare = getattr(loaded, f"{name}_prepare")
         self._prepare.argtypes = (ctypes.c_void_p, number)
         size = getattr(loaded, f"{name}_size")
@@ -103,6 +107,11 @@ class BuiltUnit:
         )
         found = self._command
         return PeriodAnswer(found.status, *(np.array(getattr(found, name)) for name in PeriodAnswer._fields[1:]))
+
+    def sent(self, inputs: Array) -> None:
+        """Say which inputs the rig got (m,)."""
+        given = (self._number * len(inputs))(*inputs.tolist())
+        self._sent(ctypes.byref(self._memory), ctypes.byref(given))
 
     def prepare(self, elapsed: float) -> None:
         """Prepare for the next period."""

@@ -224,7 +224,23 @@ def _take(loop: PrintedLoop, time: float, since: float) -> None:
                 any_lost = True
         if any_lost and begin_from(loop, index, lost):
             progress.resets += 1
+            first = 2 * core.states + core.inputs + core.followed
+            innovations = np.zeros(2 * p + 1)
+            copy(loop.out[first : first + 2 * p + 1], innovations)
             filtered(loop.memory, BEGIN, 0.0, 0.0, index, loop.outputs, loop.applied, loop.out, loop.P, predict)
+            copy(innovations, loop.out[first : first + 2 * p + 1])
+
+
+def loosen(loop: PrintedLoop) -> None:
+    """Doubt the newest estimate as much as a first one; its mean stays. See :meth:`.estimator.Estimator.loosen`."""
+    core, moments, size = loop.memory[0][0], loop.memory[2], loop.memory[0][0].size
+    root, start = root_of(core, moments[core.count - 1].row), numbers_at(core.start)
+    for i in range(size):
+        total = 0.0
+        for j in range(size):
+            total += root[i, j] * root[i, j]
+            root[i, j] = 0.0
+        root[i, i] = math.hypot(math.sqrt(total), start[i])
 
 
 def _last_outputs(loop: PrintedLoop) -> None:

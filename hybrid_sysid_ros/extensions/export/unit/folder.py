@@ -112,7 +112,7 @@ def export_loop(
         )
     name = unit_name(rig.name)
     python = loop_in_python(rig, model, settings, network)
-    loop = unit.loop_of(rig, python.estimator, python.mpc, python.supervisor)
+    loop = unit.loop_of(rig, python)
     printer = unit.translated(loop, python.estimator._arrays, name, single=single)
     solver = daqp(source)
     about = {
@@ -138,7 +138,7 @@ def export_loop(
             flags = stack_use.FLAGS if compiler.is_gcc(by) else ()
             library = build(by, partial, name, Path(scratch), flags=(*flags, *(SINGLE if single else ())))
             made = BuiltUnit(library, name, **sizes_of(loop), single=single)
-            calls = [f"{name}_{call}" for call in ("step", "observe", "decide", "prepare", "reset")]
+            calls = [f"{name}_{call}" for call in ("step", "observe", "judge", "decide_from", "prepare", "reset")]
             stack = stack_use.most_bytes(Path(scratch), calls, constraints=unit.most_active(loop)) if flags else None
             differences = _compared(python, made, questions, answers, more, single=single)
         done = UnitExport(
@@ -214,10 +214,11 @@ def _compared(
         found["recorded"]["status"] = 0.0  # rounding decides which side of a threshold a number is on
     others = list(odd(questions, more, period=period))
     if others:
-        odd_answers = answers_of(made, others, period)
+        expected = [] if single else answers_of(python, others, period)
+        odd_answers = answers_of(made, others, period, sent=expected)
         _check_bounds(python, odd_answers)
         if not single:
-            found["odd"] = largest_difference(odd_answers, answers_of(python, others, period), share=MOST)
+            found["odd"] = largest_difference(odd_answers, expected, share=MOST)
     for kind, parts in found.items():
         worst = max(parts, key=lambda name: parts[name])
         tolerance = tolerance_of(python, kind, single=single)

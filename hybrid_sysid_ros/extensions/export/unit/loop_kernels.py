@@ -14,19 +14,38 @@ from hybrid_sysid_ros.control.cascade import ROUNDING
 from hybrid_sysid_ros.control.mpc import calls
 from hybrid_sysid_ros.control.mpc.calls import prepare_mpc, solve_instance
 from hybrid_sysid_ros.control.mpc.linearisation import assign
+from hybrid_sysid_ros.control.safety import guarding
+from hybrid_sysid_ros.control.safety.governor import come_back, lead_from
 from hybrid_sysid_ros.control.safety.supervision import answer_supervised, begin_supervision, prepare_supervised
 from hybrid_sysid_ros.estimation.belief import numbers_at
-from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate, show
-from hybrid_sysid_ros.extensions.export.unit.printed_loop import WAITING, PrintedLoop
+from hybrid_sysid_ros.estimation.monitored_estimator import DIVERGED, screen, time_to_judge, watch_estimate
+from hybrid_sysid_ros.estimation.sensor_monitor import doubt_of, is_any_left_out, judge_sensors, renew, without
+from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate, loosen, show
+from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED, WAITING, PrintedLoop
+from hybrid_sysid_ros.support.arrays import Array
+
+RESTING = 3
+"""The level of :class:`~hybrid_sysid_ros.control.safety.failsafe.LoopState`."""
 
 
 def observe(loop: PrintedLoop, time: float) -> bool:
     """The estimate of a measurement at ``time`` [s]; False while there is none."""
     core, out, instance, progress = loop.memory[0][0], loop.out, loop.instance, loop.progress[0]
-    n, m = core.states, core.inputs
+    n, m, monitor = core.states, core.inputs, loop.monitor
+    watch, sensors = monitor.watch[0], monitor.sensors
+    any_left = screen(sensors, monitor.detectors, monitor.ring, loop.outputs, monitor.shown)
+    if watch.astray and any_left:
+        watch.astray = False
+        forget_estimate(loop)
+        renew(sensors)
     if not estimate(loop, time):
         progress.status = WAITING
         return False
+    progress.elapsed = 0.0
+    if math.isfinite(time):
+        first = math.isnan(progress.answered)
+        progress.elapsed = loop.settings.period if first else max(time - progress.answered, 0.0)
+        progress.answered = time if first else max(time, progress.answered)
     for a in range(n):
         instance.state[a] = out[n + a]
     for j in range(m):
@@ -34,14 +53,48 @@ def observe(loop: PrintedLoop, time: float) -> bool:
         for i in range(core.followed):
             deviation = out[2 * n + m + i] - loop.initial.parameters[i]
             instance.disturbance[j] += deviation * loop.initial.offsets[i, j]
+    if math.isfinite(time):
+        elapsed = time_to_judge(watch, time)
+        if elapsed > 0.0:
+            _watch(loop, elapsed)
+    progress.doubt = max(doubt_of(sensors), DIVERGED if watch.diverged else 0.0)
+    progress.without = float(without(monitor.core[0], sensors))
     return True
 
 
-def expect(loop: PrintedLoop) -> None:
-    """The readings that the newest estimate expects, in place of those that came."""
+def _watch(loop: PrintedLoop, elapsed: float) -> None:
+    """Judge sensors and estimate by the newest update."""
+    core, out, monitor = loop.memory[0][0], loop.out, loop.monitor
+    first = 2 * core.states + core.inputs + core.followed + core.outputs + 1
+    out_before = _times_left_out(loop)
+    expected = np.zeros(core.outputs)
+    if is_any_left_out(monitor.sensors):
+        expect(loop, expected)
+    judge_sensors(monitor.core[0], monitor.sensors, monitor.shown, out[first : first + core.outputs], expected, elapsed)
+    if _times_left_out(loop) > out_before:
+        loosen(loop)
+    watch_estimate(monitor.watch[0], monitor.sensors, loop.instance.disturbance, monitor.limits, elapsed)
+
+
+def _times_left_out(loop: PrintedLoop) -> int:
+    sensors, total = loop.monitor.sensors, 0
+    for k in range(len(sensors)):
+        total += sensors[k].count
+    return total
+
+
+def judge(loop: PrintedLoop) -> None:
+    """The level that the newest estimate allows, and what acted as a measurement says."""
+    core, progress, n = loop.memory[0][0], loop.progress[0], loop.memory[0][0].states
+    ahead = loop.out[n : n + core.states]
+    guarding.judge(loop.guard, progress.doubt, progress.without, loop.applied, ahead, progress.elapsed)
+
+
+def expect(loop: PrintedLoop, shown: Array) -> None:
+    """The readings (p,) that the newest estimate expects."""
     core, out = loop.memory[0][0], loop.out
     n, m, first = core.states, core.inputs, core.size - core.followed
-    z, shown = np.zeros(core.size), np.zeros(core.outputs)
+    z = np.zeros(core.size)
     for a in range(n):
         z[a] = out[a]
     for j in range(m):
@@ -49,17 +102,76 @@ def expect(loop: PrintedLoop) -> None:
     for i in range(core.followed):
         z[first + i] = out[2 * n + m + i]
     show(loop, z, shown)
-    assign(loop.outputs, shown)
 
 
-def decide(loop: PrintedLoop) -> None:
-    """The command for the newest estimate."""
-    assign(loop.instance.previous, loop.command)
-    if loop.gains.shape[0] > 0:
-        stabilise(loop)
+def expect_outputs(loop: PrintedLoop) -> None:
+    """The readings that the newest estimate expects, in place of those that came."""
+    expect(loop, loop.outputs)
+
+
+def decide(loop: PrintedLoop, governed: bool) -> None:
+    """The command for the newest estimate. governed: the reference may have to be led on."""
+    progress, guard, m = loop.progress[0], loop.guard, len(loop.command)
+    core = guard.core[0]
+    inputs, rest = np.zeros(m), np.zeros(m)
+    find_rest(loop, rest)
+    if core.level >= RESTING:
+        progress.returning, progress.status = 1, RESTED
+        assign(inputs, rest)
     else:
-        answer(loop)
-        assign(loop.command, loop.plan)
+        if progress.returning != 0:
+            progress.returning = 0
+            forget_plan(loop)
+            expect(loop, loop.outputs)
+            come_back(guard.governor[0], guard.outputs, loop.outputs)
+        if governed:
+            guarding.govern(guard, core.level, loop.now, loop.preview, loop.times, progress.elapsed)
+        assign(loop.instance.previous, loop.command)
+        if loop.gains.shape[0] > 0:
+            stabilise(loop, inputs)
+        else:
+            answer(loop)
+            assign(inputs, loop.plan)
+        if core.share < 1.0 or core.tried < 1.0:
+            guarding.slow(guard, inputs, rest)
+    guarding.limit_rates(guard, inputs, loop.command, progress.elapsed)
+    assign(loop.command, inputs)
+    guarding.remember(guard, loop.command)
+    progress.noted = 1
+
+
+def find_rest(loop: PrintedLoop, inputs: Array) -> None:
+    """Inputs at rest (m,), or those of the stabiliser, as :meth:`.guard.Guard.rest_of`."""
+    guard, stabilised = loop.guard, loop.gains.shape[0] > 0
+    assign(inputs, loop.at_rest)
+    if stabilised:
+        known = not guarding.doubts_actuators(guard, guard.failsafe[0].resting)
+        for a in range(loop.gains.shape[1]):
+            known = known and math.isfinite(loop.out[loop.gains.shape[1] + a])
+        if known:
+            for j in range(len(inputs)):
+                inputs[j] = held(loop, j, 0.0)
+            guarding.put_on_trial(guard, inputs)
+
+
+def find_plan_at_rest(loop: PrintedLoop) -> None:
+    """:func:`find_rest`, in place of the plan's first inputs."""
+    find_rest(loop, loop.plan)
+
+
+def sent(loop: PrintedLoop) -> None:
+    """Take in that the command that was sent is another one."""
+    progress, guard, m = loop.progress[0], loop.guard, len(loop.command)
+    if progress.noted == 0:
+        guarding.remember(guard, loop.command)
+    for j in range(m):
+        guard.sent[guard.core[0].row * m + j] = loop.command[j]
+    progress.noted = 0
+
+
+def lead(loop: PrintedLoop) -> None:
+    """Lead the reference on from the one of now."""
+    lead_from(loop.guard.governor[0], loop.guard.outputs, loop.now)
 
 
 def answer(loop: PrintedLoop) -> None:
@@ -73,8 +185,17 @@ def answer(loop: PrintedLoop) -> None:
     assign(loop.plan, mpc.horizon.planned[0])
 
 
-def stabilise(loop: PrintedLoop) -> None:
-    """The command of the stabiliser below the controller, which plans once in each of its own periods."""
+def held(loop: PrintedLoop, j: int, added: float) -> float:
+    """An input of the stabiliser, plus an added one, within its limits."""
+    n, total = loop.gains.shape[1], 0.0
+    for a in range(n):
+        total += loop.gains[j, a] * loop.out[n + a]
+    u = added - total
+    return min(max(0.0 if math.isnan(u) else u, loop.low[j]), loop.high[j])
+
+
+def stabilise(loop: PrintedLoop, inputs: Array) -> None:
+    """The command (m,) of the stabiliser below the controller, which plans once in each of its own periods."""
     progress, instance, gains = loop.progress[0], loop.instance, loop.gains
     m, n = gains.shape
     if progress.planned == 0 or progress.age > (1.0 - ROUNDING) * loop.mpc.interval:
@@ -87,16 +208,14 @@ def stabilise(loop: PrintedLoop) -> None:
         answer(loop)
         progress.planned, progress.fresh, progress.age = 1, 1, 0.0
     for j in range(m):
-        u = 0.0
-        for a in range(n):
-            u += gains[j, a] * loop.out[n + a]
-        u = loop.plan[j] - u
-        loop.command[j] = min(max(0.0 if math.isnan(u) else u, loop.low[j]), loop.high[j])
+        inputs[j] = held(loop, j, loop.plan[j])
 
 
 def look_forward(loop: PrintedLoop, elapsed: float) -> None:
     """Prepare for the next period, ``elapsed`` [s] after this one."""
     progress = loop.progress[0]
+    if progress.status == RESTED:
+        return
     if loop.gains.shape[0] == 0:
         prepare(loop, elapsed)
         return
@@ -129,16 +248,30 @@ def rebase(loop: PrintedLoop) -> float:
             inputs[i, j] -= whole
     progress.newest = 0.0
     progress.last -= by
+    progress.answered -= by
+    loop.monitor.watch[0].last -= by
     return by
 
 
+def forget_measurements(loop: PrintedLoop) -> None:
+    """Forget them all, and when they came."""
+    forget_estimate(loop)
+    loop.progress[0].answered = math.nan
+
+
 def forget_estimate(loop: PrintedLoop) -> None:
-    """Forget the measurements."""
+    """Begin an estimate anew with the next measurement."""
     progress, core = loop.progress[0], loop.memory[0][0]
     known = numbers_at(core.applied)
     for j in range(core.inputs):
         known[j] = 0.0
     progress.started, progress.last = 0, math.nan
+
+
+def begin_control(loop: PrintedLoop) -> None:
+    """Forget the last plan, and that the loop comes back."""
+    forget_plan(loop)
+    loop.progress[0].returning, loop.progress[0].noted = 0, 0
 
 
 def forget_plan(loop: PrintedLoop) -> None:

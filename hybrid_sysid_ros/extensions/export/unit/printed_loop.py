@@ -8,21 +8,27 @@ import numpy as np
 
 from hybrid_sysid_ros.control.mpc.calls import MpcMemory
 from hybrid_sysid_ros.control.mpc.horizon import Instance
+from hybrid_sysid_ros.control.safety.guarding import GuardMemory
 from hybrid_sysid_ros.control.safety.supervision import SupervisorMemory
+from hybrid_sysid_ros.extensions.export.unit.records import SensorWatch
 from hybrid_sysid_ros.support.arrays import Array
 
 PROGRESS = np.dtype(
     [
-        *((name, "i8") for name in ("started", "planned", "fresh", "status", "resets")),
-        *((name, "f8") for name in ("last", "newest", "age")),
+        *((name, "i8") for name in ("started", "planned", "fresh", "status", "resets", "returning", "noted")),
+        *((name, "f8") for name in ("last", "newest", "age", "answered", "elapsed", "doubt", "without")),
     ]
 )
 """What a loop remembers beside its arrays: how its command was found, stamps [s] of the last measurement and of the
-newest one, and the age of a plan below which a stabiliser acts.
+newest one, and the age of a plan below which a stabiliser acts. answered, elapsed: stamp of the newest measurement that
+was, and the time since the one before [s]. returning: whether the loop comes back from rest. noted: whether the
+guard has taken in the command. doubt, without: of the estimate.
 """
 
-WAITING = 0
-"""The status while there is no estimate; the others are those of :mod:`~hybrid_sysid_ros.control.mpc.calls`."""
+WAITING, RESTED = 0, 7
+"""The status while there is no estimate, and while the guard rests the inputs; the others are those of
+:mod:`~hybrid_sysid_ros.control.mpc.calls`.
+"""
 
 
 class LoopNumbers(NamedTuple):
@@ -75,3 +81,13 @@ class PrintedLoop(NamedTuple):
     high: Array
     """(m,)."""
     supervisor: SupervisorMemory | None
+    guard: GuardMemory
+    monitor: SensorWatch
+    at_rest: Array
+    """(m,), inputs at rest."""
+    now: Array
+    """(p,), the reference when the next command acts."""
+    times: Array
+    """(N,), of the preview, from then on [s]."""
+    preview: Array
+    """(N p,), of the instance."""

@@ -85,16 +85,31 @@ class Printer:
         """Constants with which arrays begin, and the lines that copy them."""
         tables, lines = [], []
         for name in self.written:
-            array = self.layout.arrays[name]
-            set_members = [key for key in array.dtype.names or () if np.any(array[key])]
-            if set_members and all(np.array_equal(array[key], np.arange(array.size)) for key in set_members):
-                lines += [f"    for (int i = 0; i < {array.size}; i++) {{"]
-                lines += [f"        unit->{name}[i].{key} = i;" for key in set_members]
-                lines += ["    }"]
-            elif array.tobytes().strip(b"\0"):
-                tables.append(self.table(f"{self.rig}_{name}_at_first", array))
-                lines.append(f"    memcpy(unit->{name}, {self.rig}_{name}_at_first, sizeof unit->{name});")
+            table, own = self._beginning(name)
+            tables += table
+            lines += own
         return "\n".join(tables), "\n".join(lines)
+
+    def begun_again(self, prefix: str) -> str:
+        """Lines that let the arrays of some names begin again."""
+        lines = []
+        for name in self.written:
+            if name.startswith(prefix):
+                lines += self._beginning(name)[1] or [f"    memset(unit->{name}, 0, sizeof unit->{name});"]
+        return "\n".join(lines)
+
+    def _beginning(self, name: str) -> tuple[list[str], list[str]]:
+        """The constants with which an array begins, and the lines that copy them; neither where it begins as zero."""
+        array, tables, lines = self.layout.arrays[name], [], []
+        set_members = [key for key in array.dtype.names or () if np.any(array[key])]
+        if set_members and all(np.array_equal(array[key], np.arange(array.size)) for key in set_members):
+            lines += [f"    for (int i = 0; i < {array.size}; i++) {{"]
+            lines += [f"        unit->{name}[i].{key} = i;" for key in set_members]
+            lines += ["    }"]
+        elif array.tobytes().strip(b"\0"):
+            tables.append(self.table(f"{self.rig}_{name}_at_first", array))
+            lines.append(f"    memcpy(unit->{name}, {self.rig}_{name}_at_first, sizeof unit->{name});")
+        return tables, lines
 
     def table(self, name: str, array: Array) -> str:
         """An array of constants."""

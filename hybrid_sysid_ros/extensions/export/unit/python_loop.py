@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,14 +13,19 @@ from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.mpc.mpc import STATUSES
 from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.safety.failsafe import LoopState
+from hybrid_sysid_ros.control.safety.guard import Guard
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.estimation import METHODS, ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
-from hybrid_sysid_ros.extensions.export.unit.printed_loop import WAITING
+from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED, WAITING
+from hybrid_sysid_ros.extensions.shared.guarded_controller import GuardedController
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import defaults, estimator_model, estimator_tuning
+from hybrid_sysid_ros.runtime.configuration import defaults, estimator_model, guard_settings
 from hybrid_sysid_ros.runtime.controllers import controller_of
+from hybrid_sysid_ros.runtime.estimators import estimator_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -29,43 +35,76 @@ CODES = {status: code for code, status in STATUSES.items()}
 
 @dataclass(kw_only=True, eq=False)
 class PythonLoop:
-    """The loop in Python: its estimator and controller. mpc: the one in the controller, without a time limit."""
+    """The loop in Python: its estimator and controller, and what watches them. mpc: the one in the controller, without
+    a time limit.
+    """
 
-    estimator: ExtendedKalmanFilter
-    controller: Controller
+    monitored: MonitoredEstimator
+    guarded: GuardedController
     mpc: ExactMpc
     supervisor: Supervisor | None
     limits: tuple[Array, Array]
     """Lowest and highest command (m,)."""
-    command: Array
+
+    @property
+    def estimator(self) -> ExtendedKalmanFilter:
+        """The filter."""
+        assert isinstance(self.monitored.filter, ExtendedKalmanFilter)
+        return self.monitored.filter
+
+    @property
+    def controller(self) -> Controller:
+        """What answers while nothing is in doubt."""
+        return self.guarded.controller
+
+    @property
+    def command(self) -> Array:
+        """The newest one (m,)."""
+        return self.guarded.input
+
+    @command.setter
+    def command(self, inputs: Array) -> None:
+        self.guarded.input = inputs
 
     def reset(self) -> None:
         """Forget the past; the last command holds."""
-        self.estimator.reset()
-        self.controller.reset()
-        state, offset = np.zeros(len(self.mpc.system.states)), np.zeros(len(self.command))
-        self._answer = PeriodAnswer(WAITING, self.command, state, state, offset)
+        command = self.command
+        self.monitored.begin()
+        self.guarded.begin()
+        self.command = command
+        state, offset = np.zeros(len(self.mpc.system.states)), np.zeros(len(command))
+        self._answer = PeriodAnswer(WAITING, command, state, state, offset, np.zeros(2))
+        self._answered = math.nan
 
     def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer:
         """A period: outputs (p,), applied inputs (m,), preview (N, p)."""
+        elapsed = 0.0
+        if math.isfinite(time):
+            first = math.isnan(self._answered)
+            elapsed = self.estimator.period if first else max(time - self._answered, 0.0)
         try:
-            estimate = self.estimator.update(time, outputs, applied)
+            estimate = self.monitored.update(time, outputs, applied)
         except UserError:
-            if self.estimator._started:
-                estimate = self.estimator._look()
-            else:
+            if not self.estimator._started:
                 self._answer = self._answer._replace(status=WAITING)
                 return self._answer
-        plan = self.controller.control(estimate.ahead, estimate.disturbance, self.command, preview)
-        self.command = plan.input
-        status = CODES[plan.status]
-        self._answer = PeriodAnswer(status, plan.input, estimate.state, estimate.ahead, estimate.disturbance)
+            estimate = self.estimator._look()
+        if math.isfinite(time):
+            self._answered = time if math.isnan(self._answered) else max(time, self._answered)
+        command, loop = self.guarded.answer(estimate, applied, preview[0], preview, elapsed), self.guarded
+        status = RESTED if loop.plan is None else CODES[loop.plan.status]
+        cause = loop.guard.memory.failsafe[0].cause + 1 if loop.guard.level else 4 * (loop.level > LoopState.DRIVING)
+        judged = np.array([float(loop.level), cause])
+        self._answer = PeriodAnswer(status, command, estimate.state, estimate.ahead, estimate.disturbance, judged)
         return self._answer
+
+    def sent(self, inputs: Array) -> None:
+        """What the rig got is always what this loop has answered."""
 
     def prepare(self, elapsed: float) -> None:
         """Prepare for the next period."""
         if self._answer.status != WAITING:
-            self.controller.prepare(elapsed)
+            self.guarded.prepare(elapsed)
 
 
 def loop_in_python(
@@ -91,19 +130,22 @@ def loop_in_python(
             "and policy exact or supervised"
         )
     model = estimator_model(rig, model)
-    tuning = estimator_tuning(values, rig, model.system)
     made = controller_of(rig, model, given, network=network)
     inner = made.controller.controller if isinstance(made.controller, Cascade) else made.controller
     mpc = made.supervisor.mpc if made.supervisor else inner
     if not isinstance(mpc, ExactMpc):
         raise UserError(f"export: a {type(inner).__name__} can't be printed as C; give the exact MPC or a supervisor")
+    monitored = estimator_of(rig, model.system, values, latency=given["latency"])
+    monitored.trial = None  # a second estimate is not printed yet
+    rest = np.array([actuator.rest for actuator in rig.actuators])
+    guard = Guard(guard_settings(given, rig, model.system))
+    lead = model.system.delay + given["latency"]
     return PythonLoop(
-        estimator=ExtendedKalmanFilter(model.system, tuning, period=1.0 / values["rate"], latency=given["latency"]),
-        controller=made.controller,
+        monitored=monitored,
+        guarded=GuardedController(made.controller, guard, monitored, rest=rest, lead=lead),
         mpc=mpc,
         supervisor=made.supervisor,
         limits=rig.limits
         if isinstance(made.controller, Cascade)
         else (np.array(mpc.problem.input_low), np.array(mpc.problem.input_high)),
-        command=np.array([actuator.rest for actuator in rig.actuators]),
     )

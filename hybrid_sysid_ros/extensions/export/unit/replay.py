@@ -36,6 +36,7 @@ class Stepped(Protocol):
     def reset(self) -> None: ...
     def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer: ...
     def prepare(self, elapsed: float) -> None: ...
+    def sent(self, inputs: Array) -> None: ...
 
 
 def recorded(
@@ -79,13 +80,17 @@ def odd(questions: Sequence[PeriodQuestion], count: int, *, period: float, seed:
         yield PeriodQuestion(stamp, outputs, applied, preview, kind == 13 or k == 0)
 
 
-def answers_of(loop: Stepped, questions: Sequence[PeriodQuestion], period: float) -> list[PeriodAnswer]:
-    """What a loop answers."""
+def answers_of(
+    loop: Stepped, questions: Sequence[PeriodQuestion], period: float, sent: Sequence[PeriodAnswer] = ()
+) -> list[PeriodAnswer]:
+    """What a loop answers. sent: what the rig got in place of its commands, so that one that differs has no sequel."""
     found = []
-    for question in questions:
+    for k, question in enumerate(questions):
         if question.anew:
             loop.reset()
         found.append(loop.step(*question[:4]))
+        if sent and found[-1].status:  # there is a command
+            loop.sent(sent[k].inputs)
         loop.prepare(period)
     return found
 

@@ -45,8 +45,9 @@ KEYWORDS = (
 """Names that a variable in C, or in C++, must not have."""
 
 RESERVED = (
-    "init", "reset", "step", "observe", "expected", "decide", "sent", "forget_estimate", "forget_plan", "prepare",
-    "min", "max", "update", "search", "allocate", "release", "status",
+    "init", "reset", "step", "observe", "expected", "judge", "decide", "decide_from", "sent", "at_rest", "lead",
+    "come_back", "forget_estimate", "forget_plan", "prepare", "min", "max", "update", "search", "allocate", "release",
+    "status", "level", "cause",
 )  # fmt: skip
 """What the unit itself has, behind the name of the rig."""
 

@@ -10,14 +10,11 @@ import numpy as np
 from hybrid_sysid_ros.control.mpc.calls import CALL
 from hybrid_sysid_ros.control.mpc.horizon import PROGRESS as SOLUTION
 from hybrid_sysid_ros.control.mpc.horizon import Horizon
-from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.quadratic_program import SOFT, TOLERANCE
 from hybrid_sysid_ros.control.policy.kernels import FEATURES, PLACES, TRACKED
 from hybrid_sysid_ros.control.safety.supervision import SUPERVISION
-from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.wrappers import Stabilised
-from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.belief import CHANNEL, CORE, MOMENT, READING
 from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.unit import loop_kernels as kernels
@@ -29,14 +26,17 @@ from hybrid_sysid_ros.extensions.export.unit.printed_loop import (
     PrintedLoop,
 )
 from hybrid_sysid_ros.extensions.export.unit.printing import Printer, layout_of
+from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
+from hybrid_sysid_ros.extensions.export.unit.records import RECORD_NAMES, guard_records, record_type, watch_records
 from hybrid_sysid_ros.extensions.export.unit.translator import Translator
-from hybrid_sysid_ros.extensions.export.unit.values import REAL, KnownValue, NumberValue, literal
+from hybrid_sysid_ros.extensions.export.unit.values import BOOL, REAL, KnownValue, NumberValue, literal
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 UNIT_TEMPLATES = Path(__file__).parent / "c"
 RECORDS = [(CORE, "core"), (CHANNEL, "channel"), (MOMENT, "moment"), (READING, "reading")]
+RECORDS += [(record_type(kind), name) for kind, name in RECORD_NAMES.items()]
 RECORDS += [(SOLUTION, "solution"), (PROGRESS, "progress"), (CALL, "call"), (SUPERVISION, "supervision")]
 OF_FLOATS = {"RISE": 1e-6, "DIFFERENCE": 3.5e-4, "VIOLATION": 1e-5, "INPUT_ROUNDING": 1e-6}
 """Constants of kernels that the rounding of doubles chose, for that of floats, 1e-7; the second is its root."""
@@ -44,11 +44,13 @@ RESIDUAL = 1e-4
 """Residual at which an iteration in floats has converged: smaller ones are rounding, and it would never end."""
 
 
-def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor: Supervisor | None) -> PrintedLoop:
+def loop_of(rig: Rig, python: PythonLoop) -> PrintedLoop:
     """The objects of a loop, all of them as before its first measurement.
 
     Raises UserError for what has no translation yet.
     """
+    python.reset()
+    estimator, mpc, supervisor, guarded = python.estimator, python.mpc, python.supervisor, python.guarded
     system, memory, tuning = estimator.system, estimator._memory, estimator.tuning
     stabilised = isinstance(mpc.system, Stabilised)
     if not stabilised and np.ptp(mpc.system.input_delays):
@@ -57,10 +59,8 @@ def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor
         )
     if tuning.channels:
         raise UserError(f"export: channel {next(iter(tuning.channels))} of the estimator can't be printed as C yet")
-    estimator.reset()
-    (supervisor or mpc).reset()
     progress = np.zeros(1, PROGRESS)
-    progress["last"] = np.nan
+    progress["last"] = progress["answered"] = np.nan
     followed, m = len(tuning.followed), len(system.inputs)
     offsets = np.zeros((followed, m)) if estimator._offsets is None else np.array(estimator._offsets)
     named = system.named
@@ -92,6 +92,12 @@ def loop_of(rig: Rig, estimator: ExtendedKalmanFilter, mpc: ExactMpc, supervisor
         low=np.array(rig.limits[0], dtype=float),
         high=np.array(rig.limits[1], dtype=float),
         supervisor=None if supervisor is None else supervisor.compiled,
+        guard=guard_records(guarded.guard.memory),
+        monitor=watch_records(python.monitored),
+        at_rest=np.array([actuator.rest for actuator in rig.actuators]),
+        now=np.zeros(len(system.outputs)),
+        times=np.array(guarded.times),
+        preview=(supervisor or mpc).instance.preview.reshape(-1),
     )
 
 
@@ -152,18 +158,20 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
         _name_arrays(layout, loop, arrays)
         translator = Translator(layout, rig, "f" if single else "", constants)
         translator.call(kernels.observe, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
-        translator.call(kernels.expect, [KnownValue(loop)])  # type: ignore[arg-type]
-        translator.call(kernels.decide, [KnownValue(loop)])  # type: ignore[arg-type]
+        translator.call(kernels.decide, [KnownValue(loop), NumberValue(BOOL, "governed")])  # type: ignore[arg-type]
+        for kernel in (kernels.expect_outputs, kernels.judge, kernels.find_plan_at_rest, kernels.sent, kernels.lead):
+            translator.call(kernel, [KnownValue(loop)])  # type: ignore[arg-type]
         translator.call(kernels.look_forward, [KnownValue(loop), NumberValue(REAL, "elapsed")])  # type: ignore[arg-type]
         if single:
             translator.call(kernels.rebase, [KnownValue(loop)])  # type: ignore[arg-type]
-        translator.call(kernels.forget_estimate, [KnownValue(loop)])  # type: ignore[arg-type]
-        translator.call(kernels.forget_plan, [KnownValue(loop)])  # type: ignore[arg-type]
+        translator.call(kernels.forget_measurements, [KnownValue(loop)])  # type: ignore[arg-type]
+        translator.call(kernels.begin_control, [KnownValue(loop)])  # type: ignore[arg-type]
         if not layout.complete:
             continue
         solver = ("hessian", "gradient", "rows", "lower", "upper", "states", "solution", "multipliers")
         owned = (
-            *("outputs", "applied", "plan", "command", "instance", "P", "out"),
+            *("outputs", "applied", "plan", "command", "instance", "P", "out", "now", "progress"),
+            *("guard_core", "guard_failsafe", "guard_governor"),
             *(f"program_{name}" for name in solver),
         )
         layout.used = {name for item in translator.functions.values() for name in item.arrays}
@@ -177,7 +185,7 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
 def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Array]) -> None:
     cores, channels, moments, readings, inputs = loop.memory
     layout.add("progress", loop.progress)
-    for name in ("outputs", "applied", "plan", "command", "out", "P", "gains", "low", "high"):
+    for name in ("outputs", "applied", "plan", "command", "out", "P", "gains", "low", "high", "now"):
         layout.add(name, getattr(loop, name))
     for name, value in (("core", cores), ("channels", channels), ("moments", moments), ("readings", readings)):
         layout.add(name, value)
@@ -185,6 +193,10 @@ def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Arra
     layout.add("instance", loop.instance.state)
     layout.add("initial", loop.initial)
     layout.add("belief", arrays)
+    layout.add("inputs_at_rest", loop.at_rest)
+    layout.add("preview_times", loop.times)
+    layout.add("guard", loop.guard)
+    layout.add("monitor", loop.monitor)
     layout.add("model", loop.mpc.prediction)
     layout.add("horizon", loop.mpc.horizon)
     layout.add("program", loop.mpc.program)
@@ -238,11 +250,17 @@ def texts(
         "rebase": _rebased(printer) if translator.suffix else "",
         "soft": soft_lines,
         "observe": printer.entry(kernels.observe, f"({rig}_real)(measurement->time - unit->origin)"),
-        "expect": printer.entry(kernels.expect, ""),
-        "decide": printer.entry(kernels.decide, ""),
+        "expect": printer.entry(kernels.expect_outputs, ""),
+        "judge": printer.entry(kernels.judge, ""),
+        "decide": printer.entry(kernels.decide, "now != NULL"),
+        "find_rest": printer.entry(kernels.find_plan_at_rest, ""),
+        "sent": printer.entry(kernels.sent, ""),
+        "lead": printer.entry(kernels.lead, ""),
+        "begin_monitor": printer.begun_again("monitor_"),
+        "begin_guard": printer.begun_again("guard_"),
         "prepare": printer.entry(kernels.look_forward, "elapsed"),
-        "forget_estimate": printer.entry(kernels.forget_estimate, ""),
-        "forget_plan": printer.entry(kernels.forget_plan, ""),
+        "forget_estimate": printer.entry(kernels.forget_measurements, ""),
+        "forget_plan": printer.entry(kernels.begin_control, ""),
     }
     return {
         f"{rig}{ending}": Text((UNIT_TEMPLATES / f"loop{ending}").read_text(encoding="utf-8")).substitute(values)

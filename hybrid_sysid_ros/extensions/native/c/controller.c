@@ -13,7 +13,7 @@
 
 controller_state control;
 
-static const enum layer layer_of[STATUSES] = {HELD, EXACT, EXACT, EXACT, SHIFTED, POLICY_LAYER, HELD};
+static const enum layer layer_of[STATUSES] = {HELD, EXACT, EXACT, EXACT, SHIFTED, POLICY_LAYER, HELD, RESTED};
 
 static rcl_subscription_t references, stops;
 static bool waits; /* in lockstep, whether an estimate waits for a reference */
@@ -25,7 +25,6 @@ static int64_t activated, shown, answered;
 void controller_forget(void)
 {
     UNIT(forget_plan)(&unit);
-    governor_release();
     control.stamp = control.sound = shown = answered = control.acted = 0;
     control.settled = false;
     control.returning = !control.armed;
@@ -38,7 +37,6 @@ void controller_forget(void)
 /* Remember where the outputs were found, where a reference begins after rest; whether they were numbers. */
 static bool settle(const estimate *found)
 {
-    double start[OUTPUTS];
     int k;
 
     if (control.settled) {
@@ -51,16 +49,14 @@ static bool settle(const estimate *found)
     }
     if (control.settled && control.returning) {
         control.returning = false;
-        UNIT(forget_plan)(&unit);
-        governor_within_reach(control.home, start);
-        governor_begin(start);
+        UNIT(come_back)(&unit);
     }
     return control.settled;
 }
 
-static void preview_of(const estimate *found, double elapsed, double *preview)
+/* The preview of an estimate; whether it moves, from the reference of now on. */
+static bool preview_of(const estimate *found, double *now, double *preview)
 {
-    double ahead[OUTPUTS];
     int i;
 
     if (control.mode == HOLD || !reference_is_there()) {
@@ -68,24 +64,37 @@ static void preview_of(const estimate *found, double elapsed, double *preview)
         for (i = 0; i < HORIZON; i++) {
             memcpy(preview + i * OUTPUTS, control.home, sizeof control.home);
         }
-        return;
+        return false;
     }
     if (!reference_covers(found->stamp)) { /* the next one begins where this one has ended */
         control.past_end++;
-        reference_last(ahead);
-        governor_begin(ahead);
+        reference_last(now);
+        UNIT(lead)(&unit, now);
         for (i = 0; i < HORIZON; i++) {
-            memcpy(preview + i * OUTPUTS, ahead, sizeof ahead);
+            memcpy(preview + i * OUTPUTS, now, sizeof control.home);
         }
-        return;
+        return false;
     }
     for (i = 0; i < HORIZON; i++) {
         reference_at(found->stamp + REACH + llround(INTERVAL * (i + 1) * 1e9), preview + i * OUTPUTS);
     }
-    if (!governor_is_free()) {
-        reference_at(found->stamp + REACH, ahead);
-        governor_follow(ahead, preview, elapsed);
+    reference_at(found->stamp + REACH, now);
+    return true;
+}
+
+/* The level that the guard allows: a blind estimate says nothing, as one that is no number. */
+static enum loop_state judge(const estimate *found)
+{
+    UNIT(real) applied[INPUTS];
+    int k;
+
+    memcpy(applied, found->applied, sizeof applied);
+    for (k = 0; k < INPUTS && found->blind; k++) {
+        applied[k] = NAN;
+        unit.progress[0].doubt = unit.progress[0].without = NAN;
     }
+    UNIT(judge)(&unit, applied, &control.newest);
+    return (enum loop_state)control.newest.level;
 }
 
 static bool is_sound(const estimate *found)
@@ -104,17 +113,20 @@ static bool is_sound(const estimate *found)
 
 static void proceed(const estimate *found, double late)
 {
-    const double elapsed = control.stamp ? (double)(found->stamp - control.stamp) / 1e9 : 0.0;
     const int64_t began = steady();
-    double preview[HORIZON * OUTPUTS], inputs[INPUTS];
+    double now[OUTPUTS], inputs[INPUTS];
     UNIT(reference) reference;
+    enum loop_state level;
     enum layer layer;
+    bool moving;
     int k;
 
     control.stamp = found->stamp;
     control.newest = found->answer;
+    control.blind = found->blind;
+    level = judge(found);
     timing_add(&control.age, fmax(late, 0.0));
-    if (operated(DRIVING) >= STOPPED) {
+    if (operated(level) >= STOPPED) {
         stop_moving();
         return;
     }
@@ -122,11 +134,12 @@ static void proceed(const estimate *found, double late)
         hold_command();
         return;
     }
-    preview_of(found, elapsed, preview);
-    for (k = 0; k < HORIZON * OUTPUTS; k++) {
-        reference.outputs[k] = (UNIT(real))preview[k];
+    if (level == RESTING) {
+        rest_with(RESTED);
+        return;
     }
-    UNIT(decide)(&unit, &reference, &control.newest);
+    moving = preview_of(found, now, reference.outputs);
+    UNIT(decide_from)(&unit, moving ? now : NULL, &reference, &control.newest);
     layer = layer_of[control.newest.status];
     control.statuses[control.newest.status]++;
     if (layer != SHIFTED && layer != HELD) {
@@ -135,7 +148,7 @@ static void proceed(const estimate *found, double late)
         rest_with(ZEROED);
         return;
     }
-    become(operated(DRIVING));
+    become(operated(level));
     control.layers[layer]++;
     for (k = 0; k < INPUTS; k++) {
         inputs[k] = (double)control.newest.inputs[k];

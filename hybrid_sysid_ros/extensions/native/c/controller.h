@@ -8,8 +8,8 @@
 
 enum mode { DRIVE, HOLD, STOP }; /* what the services have asked for last */
 enum loop_state { DRIVING, SLOWED, HOLDING, RESTING, STOPPED, DISARMED, STATES_OF_LOOP };
-enum layer { EXACT, POLICY_LAYER, SHIFTED, HELD, ZEROED, STOPPED_LAYER, NO_REFERENCE, LAYERS };
-enum status { WAITING, SOLVED, ITERATED, NOT_CONVERGED, FAILED, POLICY, KEPT, STATUSES }; /* as the unit's */
+enum layer { EXACT, POLICY_LAYER, SHIFTED, HELD, ZEROED, RESTED, STOPPED_LAYER, NO_REFERENCE, LAYERS };
+enum status { WAITING, SOLVED, ITERATED, NOT_CONVERGED, FAILED, POLICY, KEPT, BY_GUARD, STATUSES }; /* as the unit's */
 
 typedef struct {
     enum mode mode;
@@ -24,6 +24,7 @@ typedef struct {
     double input[INPUTS]; /* the newest command */
     bool answered_once;
     UNIT(command) newest;
+    bool blind; /* nothing may be made of it */
     validator wishes;
     timing execution, age;
     long layers[LAYERS], statuses[STATUSES], times_in[STATES_OF_LOOP], clipped, past_end, repeated;
@@ -37,6 +38,7 @@ void operation_begin(void);
 enum loop_state operated(enum loop_state level);
 void become(enum loop_state next);
 void stop_at_once(const char *why);
+const char *doubt_in_words(void); /* why the guard allows no more than it does */
 const char *unready(void); /* what is in the way of arming, or "" */
 void controller_forget(void);
 

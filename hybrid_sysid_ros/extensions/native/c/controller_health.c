@@ -8,9 +8,16 @@
 static const char *const state_words[STATES_OF_LOOP] = {
     "driving", "slowed", "holding", "resting", "stopped", "disarmed"};
 static const char *const layer_words[LAYERS] = {
-    "exact", "policy", "shifted_plan", "held", "zeroed", "stopped", "no_reference"};
+    "exact", "policy", "shifted_plan", "held", "zeroed", "rested", "stopped", "no_reference"};
 static const char *const status_words[STATUSES] = {
-    "waiting", "solved", "iterated", "not_converged", "failed", "policy", "held"};
+    "waiting", "solved", "iterated", "not_converged", "failed", "policy", "held", "rested"};
+
+const char *doubt_in_words(void)
+{
+    const int cause = unit.guard_failsafe[0].cause;
+
+    return cause < 0 ? "a sensor is missing or left out" : doubts[cause];
+}
 
 static troubles loop_troubles, policy_troubles;
 
@@ -18,6 +25,9 @@ int controller_health(task *tasks)
 {
     task *main_task = &tasks[0], *policy = &tasks[1];
     const double warn = value(CONTROLLER_WARN_SHARE), error = value(CONTROLLER_ERROR_SHARE);
+    const enum loop_state level = (enum loop_state)unit.guard_failsafe[0].level;
+    const bool by_guard = level > DRIVING && control.state > DRIVING && control.state < STOPPED;
+    const bool acts = !strcmp(controller_parameters[CONTROLLER_DISTRUST].text, "act");
     char words[WORDS], key[96];
     long answers = 0, dropped = 0;
     int k;
@@ -42,11 +52,17 @@ int controller_health(task *tasks)
     task_text(main_task, "state", state_words[control.state]);
     operation_words(words);
     task_text(main_task, "state_reason",
-              control.state == RESTING ? "there is no sound estimate, or no answer to it" : words);
+              by_guard || control.state == SLOWED ? doubt_in_words()
+              : control.state == RESTING          ? "there is no sound estimate, or no answer to it"
+                                                  : words);
     task_text(main_task, "ready", *unready() ? unready() : "yes");
     for (k = 0; k < STATES_OF_LOOP; k++) {
         snprintf(key, sizeof key, "times_%s", state_words[k]);
         task_whole(main_task, key, control.times_in[k]);
+    }
+    for (k = 0; k < DOUBTS; k++) {
+        snprintf(key, sizeof key, "evidence_%s", doubt_names[k]);
+        task_number(main_task, key, unit.guard_kinds[k].value);
     }
     task_text(main_task, "policy", controller_parameters[CONTROLLER_POLICY].text);
     task_whole(main_task, "commands", answers);
@@ -63,6 +79,19 @@ int controller_health(task *tasks)
     task_text(main_task, "not_watched", NOT_WATCHED_LOOP);
     task_timing(main_task, "execution", &control.execution);
     task_timing(main_task, "estimate_age", &control.age);
+    if (level > DRIVING || control.state == SLOWED) {
+        char own[WORDS], *rest = main_task->message;
+
+        snprintf(own, sizeof own, "%s%s%s%.200s%s%.300s", acts ? state_words[control.state] : "", acts ? ": " : "",
+                 doubt_in_words(), acts ? "" : " (distrust is tell)", main_task->level == OK ? "" : "; ",
+                 main_task->level == OK ? "" : rest);
+        if (level > SLOWED) {
+            main_task->level = ERROR;
+        } else if (main_task->level < WARN) {
+            main_task->level = WARN;
+        }
+        snprintf(main_task->message, sizeof main_task->message, "%s", own);
+    }
     if (*words && (main_task->level == OK || control.emergency)) {
         main_task->level = control.emergency && main_task->level < WARN ? WARN : main_task->level;
         snprintf(main_task->message, sizeof main_task->message, "%s", words);

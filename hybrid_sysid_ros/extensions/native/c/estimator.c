@@ -151,8 +151,8 @@ static void pack(const double *applied)
     for (k = 0; k < INPUTS; k++) {
         numbers[at++] = applied[k];
     }
-    numbers[at++] = NAN; /* doubt and sensors that are left out: nobody watches them */
-    numbers[at++] = NAN;
+    numbers[at++] = unit.progress[0].doubt;
+    numbers[at++] = unit.progress[0].without;
     for (k = 0; k < FOLLOWED; k++) {
         numbers[at++] = (double)unit.out[2 * STATES + INPUTS + k];
     }
@@ -172,10 +172,6 @@ static void count(const double *given, int64_t stamp)
 
         estimation.missing += between > 0.0 ? (long)between : 0;
         estimation.too_soon += elapsed < SOON * PERIOD;
-    }
-    for (k = 0; k < OUTPUTS; k++) {
-        estimation.invalid += !isfinite(given[k]);
-        estimation.updates += isfinite(given[k]) != 0;
     }
     for (k = 0; k < INPUTS; k++) {
         estimation.unknown += isnan(given[OUTPUTS + k]) && isnan(known[k]);
@@ -203,7 +199,6 @@ static void answer(const double *given, int64_t stamp, enum stamp_order order, i
     measurement.time = (double)(stamp - zero) / 1e9;
     for (k = 0; k < OUTPUTS; k++) {
         measurement.outputs[k] = (UNIT(real))given[k];
-        any = any || isfinite(given[k]);
     }
     for (k = 0; k < INPUTS; k++) {
         measurement.applied[k] = (UNIT(real))(isnan(given[OUTPUTS + k]) ? known[k] : given[OUTPUTS + k]);
@@ -211,6 +206,11 @@ static void answer(const double *given, int64_t stamp, enum stamp_order order, i
     if (!UNIT(observe)(&unit, &measurement, &estimation.newest.answer)) {
         estimation.unusable++;
         return;
+    }
+    for (k = 0; k < OUTPUTS; k++) { /* without those of sensors that are frozen or left out */
+        any = any || isfinite(unit.outputs[k]);
+        estimation.invalid += !isfinite(unit.outputs[k]);
+        estimation.updates += isfinite(unit.outputs[k]) != 0;
     }
     usable = any && stamp > usable ? stamp : usable;
     if (order == LATE) {
@@ -231,6 +231,9 @@ static void answer(const double *given, int64_t stamp, enum stamp_order order, i
     }
     estimation.innovations[estimation.seen++ % WINDOW] = (double)unit.out[2 * STATES + INPUTS + FOLLOWED + OUTPUTS];
     timing_add(&estimation.execution, (double)(steady() - began) / 1e9);
+    for (k = 0; k < INPUTS; k++) {
+        estimation.newest.applied[k] = (UNIT(real))given[OUTPUTS + k];
+    }
     controller_answer(&estimation.newest, order); /* first of all: the rig waits for it */
     pack(given + OUTPUTS);
     publish();

@@ -16,6 +16,26 @@ static void band(double samples, double *low, double *high)
     *high = all * pow(1.0 - spread + root, 3.0) / samples;
 }
 
+/* The evidence against the newest estimate. */
+static const char *doubted(char *words)
+{
+    int k;
+
+    words[0] = 0;
+    for (k = 0; k < OUTPUTS; k++) {
+        if (unit.monitor_sensors[k].evidence >= 1.0) {
+            snprintf(words + strlen(words), WORDS - strlen(words), "%s%.64s", *words ? ", " : "innovations of ",
+                     output_names[k]);
+        }
+    }
+    if (*words) {
+        snprintf(words + strlen(words), WORDS - strlen(words), " are not as large as the model says");
+    } else if (unit.monitor_watch[0].diverged) {
+        return "the estimated input disturbance is at its limit";
+    }
+    return words;
+}
+
 static void judge_model(task *own)
 {
     const long kept = estimation.seen < INNOVATIONS ? estimation.seen : INNOVATIONS;
@@ -36,6 +56,7 @@ static void judge_model(task *own)
     task_number(own, "innovation_mean_square", counted ? sum / (double)counted : NAN);
     task_number(own, "innovation_band_low", low);
     task_number(own, "innovation_band_high", high);
+    task_number(own, "doubt", unit.progress[0].doubt);
     for (k = 0; k < FOLLOWED; k++) {
         snprintf(words, sizeof words, "parameter_%s", followed_names[k]);
         task_number(own, words, (double)unit.out[2 * STATES + INPUTS + k]);
@@ -44,6 +65,8 @@ static void judge_model(task *own)
     if (worse > value(ESTIMATOR_INNOVATION_WARN)) {
         own->level = worse > value(ESTIMATOR_INNOVATION_ERROR) ? ERROR : WARN;
         snprintf(own->message, sizeof own->message, "innovations %.1f times as large as the model says", worse);
+    } else if (unit.progress[0].doubt >= 1.0) {
+        task_doubt(own, WARN, doubted(words));
     }
 }
 
@@ -52,8 +75,8 @@ int estimator_health(task *tasks)
     task *loop = &tasks[0], *sensor = &tasks[1];
     const double warn = value(ESTIMATOR_WARN_SHARE), error = value(ESTIMATOR_ERROR_SHARE);
     const double silent = (double)(steady() - estimation.entry.heard) / 1e9;
-    char words[WORDS];
-    long dropped = 0;
+    char words[WORDS], out[WORDS] = "";
+    long dropped = 0, frozen = 0;
     int k;
 
     task_begin(loop, "loop");
@@ -86,10 +109,32 @@ int estimator_health(task *tasks)
         snprintf(loop->message, sizeof loop->message, "waiting for measurements");
     }
     task_begin(sensor, "sensor");
-    trouble(&sensor_troubles, "readings that are no number", estimation.invalid);
+    for (k = 0; k < OUTPUTS; k++) {
+        frozen += unit.monitor_detectors[k].count;
+    }
+    trouble(&sensor_troubles, "readings that are no number", estimation.invalid - frozen);
     trouble(&sensor_troubles, "readings that the model does not believe", estimation.gated);
     trouble(&sensor_troubles, "estimates without a reading", estimation.blind);
+    for (k = 0; k < OUTPUTS; k++) {
+        snprintf(words, sizeof words, "times the same reading of %.64s", output_names[k]);
+        trouble(&sensor_troubles, words, unit.monitor_detectors[k].count);
+    }
     task_judge(sensor, &sensor_troubles, estimation.updates, warn, error);
+    for (k = 0; k < OUTPUTS; k++) {
+        snprintf(words, sizeof words, "frozen_%.64s", output_names[k]);
+        task_whole(sensor, words, unit.monitor_detectors[k].count);
+        snprintf(words, sizeof words, "left_out_%.64s", output_names[k]);
+        task_whole(sensor, words, unit.monitor_sensors[k].count);
+        if (unit.monitor_sensors[k].left_out) {
+            snprintf(out + strlen(out), sizeof out - strlen(out), "%s%s", *out ? ", " : "", output_names[k]);
+        }
+    }
+    if (*out) {
+        snprintf(words, sizeof words, "%.200s contradicts the model and is left out%s%.300s", out,
+                 sensor->level == OK ? "" : "; ", sensor->level == OK ? "" : sensor->message);
+        snprintf(sensor->message, sizeof sensor->message, "%s", words);
+        sensor->level = sensor->level < WARN ? WARN : sensor->level;
+    }
     task_whole(sensor, "invalid_entries", estimation.invalid);
     task_whole(sensor, "unknown_inputs", estimation.unknown);
     task_whole(sensor, "gated_outliers", estimation.gated);

@@ -10,6 +10,7 @@ typedef struct {
     bool blind;    /* no reading has been usable for long: nothing may be made of it */
     UNIT(command) answer;
     double outputs[OUTPUTS]; /* expected */
+    UNIT(real) applied[INPUTS]; /* what acted, NAN where nobody says */
 } estimate;
 
 extern UNIT(memory) unit;

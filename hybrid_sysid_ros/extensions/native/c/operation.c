@@ -65,7 +65,7 @@ static bool turn_to(enum mode next, char *words)
     control.mode = next;
     say(next == DRIVE ? "may move" : "at rest");
     if (before == HOLD && next == DRIVE && control.settled) {
-        governor_begin(control.home);
+        UNIT(lead)(&unit, control.home);
     }
     control.settled = control.settled && next == DRIVE;
     return true;
@@ -141,6 +141,12 @@ const char *unready(void)
         if (!isfinite(control.newest.ahead[k])) {
             return "the estimates are no numbers: look at the estimator's diagnostics";
         }
+    }
+    if (unit.guard_failsafe[0].level > DRIVING) {
+        static char words[WORDS];
+
+        snprintf(words, sizeof words, "%s: wait until it has settled", doubt_in_words());
+        return words;
     }
     return "";
 }

@@ -105,31 +105,26 @@ void send_command(const double *inputs, bool limited)
 /* Inputs at rest: of a rig with a stabiliser what that makes of the newest state, without which it would fall. */
 void at_rest(double *found)
 {
-    bool known = control.stamp != 0;
-    int j, a;
-
-    for (a = 0; a < STATES; a++) {
-        known = known && isfinite(control.newest.ahead[a]);
-    }
-    for (j = 0; j < INPUTS; j++) {
-        found[j] = rest[j];
-        if (STABILISED && known) {
-            found[j] = 0.0;
-            for (a = 0; a < STATES; a++) {
-                found[j] -= gains[j * STATES + a] * (double)control.newest.ahead[a];
-            }
-            found[j] = fmin(fmax(found[j], input_low[j]), input_high[j]);
-        }
+    if (control.stamp != 0 && !control.blind) {
+        UNIT(at_rest)(&unit, found);
+    } else {
+        memcpy(found, rest, sizeof control.input);
     }
 }
 
 void rest_with(enum layer layer)
 {
+    double found[INPUTS];
+
+    memcpy(found, rest, sizeof found);
+    if (layer == RESTED) {
+        at_rest(found);
+    }
     control.layers[layer]++;
     control.settled = false;
     control.returning = true;
     become(operated(RESTING));
-    send_command(rest, true);
+    send_command(found, true);
 }
 
 bool is_long(void)

@@ -6,8 +6,6 @@
 static int points;
 static int64_t times[MOST_POINTS];
 static double values[MOST_POINTS][OUTPUTS];
-static bool released = true;
-static double governed[OUTPUTS];
 
 void reference_begin(void)
 {
@@ -144,50 +142,4 @@ void reference_at(int64_t time, double *outputs)
 void reference_last(double *outputs)
 {
     memcpy(outputs, values[points - 1], sizeof values[0]);
-}
-
-void governor_release(void)
-{
-    released = true;
-}
-
-bool governor_is_free(void)
-{
-    return released;
-}
-
-void governor_begin(const double *outputs)
-{
-    released = false;
-    memcpy(governed, outputs, sizeof governed);
-}
-
-void governor_within_reach(const double *outputs, double *found)
-{
-    int k;
-
-    for (k = 0; k < OUTPUTS; k++) {
-        found[k] = fmin(fmax(outputs[k], set_point_low[k]), set_point_high[k]);
-    }
-}
-
-void governor_follow(const double *now, double *preview, double elapsed)
-{
-    bool met = true;
-    int i, k;
-
-    for (k = 0; k < OUTPUTS; k++) {
-        const double room = resume_rate[k] * elapsed;
-
-        governed[k] = fmin(fmax(now[k], governed[k] - room), governed[k] + room);
-        met = met && governed[k] == now[k];
-    }
-    released = met;
-    for (i = 0; i < HORIZON; i++) {
-        for (k = 0; k < OUTPUTS; k++) {
-            const double room = resume_rate[k] * INTERVAL * (i + 1);
-
-            preview[i * OUTPUTS + k] = fmin(fmax(preview[i * OUTPUTS + k], governed[k] - room), governed[k] + room);
-        }
-    }
 }

@@ -14,11 +14,4 @@ bool reference_take(const rcl_serialized_message_t *message, validator *by, int6
 void reference_at(int64_t time, double *outputs);
 void reference_last(double *outputs);
 
-/* Lead the reference on from where the rig is, at a stated rate: see control/safety/governor.py. */
-void governor_release(void);
-bool governor_is_free(void);
-void governor_begin(const double *outputs);
-void governor_within_reach(const double *outputs, double *found);
-void governor_follow(const double *now, double *preview, double elapsed);
-
 #endif

@@ -7,7 +7,8 @@ import math
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -36,6 +37,7 @@ from hybrid_sysid_ros.runtime.configuration import settings
 from tests.node_bench import VOLT, Bench, ask, joint, stamp_of
 
 BODIES = ("python", "native")
+Fault = Callable[[float], float]
 PERIOD = 0.005
 AGAIN = 1.0  # s, after which a measurement without an answer comes again
 GIVEN: dict[str, dict[str, Any]] = {"estimator": {}, "controller": {"policy": "exact", "real_time": True}}
@@ -104,13 +106,14 @@ class Body:
     def measure(self, stamp: int, angle: float, applied: float = 0.0) -> None:
         self.measurements.publish(joint(stamp, position=[angle], effort=[applied]))
 
-    def go(self, periods: int) -> list[float]:
-        """The inputs of some periods of the simulated rig, in lockstep."""
+    def go(self, periods: int, *, sensor: Fault = float, actuator: Fault = float) -> list[float]:
+        """The commands of some periods of the simulated rig, in lockstep; sensor, actuator: what they make of it."""
         inputs = []
         for _ in range(periods):
             stamp = SECOND + round(self.periods * PERIOD * SECOND)
-            self.applied = self.answered(stamp, float(self.plant.sensed()[0]), self.applied).effort[0]
-            inputs.append(self.applied)
+            reading = sensor(float(self.plant.sensed()[0]))
+            inputs.append(self.answered(stamp, reading, self.applied).effort[0])
+            self.applied = actuator(inputs[-1])
             self.periods += 1
             for _ in range(round(PERIOD / self.plant.step)):
                 self.plant.advance([self.applied])
@@ -147,6 +150,14 @@ def timed(request: pytest.FixtureRequest, bench: Bench, domain: int, binary: Pat
 
 
 ANSWERS: dict[str, Any] = {}
+FAULTS: dict[str, tuple[dict[str, Fault], str]] = {
+    "a flipped sensor": ({"sensor": lambda angle: -angle}, "measurements contradict the model"),
+    "a sensor without a number": ({"sensor": lambda angle: math.nan}, "there is no sound estimate"),
+    "a disconnected actuator": ({"actuator": lambda volt: 0.0}, ""),  # which is tried again
+    "a flipped actuator": ({"actuator": lambda volt: -volt}, "the actuator does not do what was commanded"),
+}
+RESTED: dict[str, dict[str, list[float]]] = {}
+TRIED = 0.25  # V, with which an actuator in doubt is tried again
 
 
 def test_the_bodies_answer_alike(body: Body) -> None:
@@ -159,6 +170,28 @@ def test_the_bodies_answer_alike(body: Body) -> None:
         (python, *names), (native, *others) = ANSWERS["python"], ANSWERS["native"]
         assert names == others
         np.testing.assert_allclose(native, python, atol=1e-6)
+
+
+def test_both_bodies_rest_where_they_are_lied_to(body: Body) -> None:
+    reports, found = body.bench.listen("/diagnostics", DiagnosticArray), RESTED.setdefault(body.kind, {})
+
+    def is_told(words: str) -> bool:
+        own = [item for message in reports for item in message.status if item.name.endswith("controller: loop")]
+        values = {item.key: item.value for item in own[-1].values} if own else {}
+        return values.get("state") == "resting" and words in values["state_reason"]
+
+    body.refer(SECOND, 2.0 * VOLT)
+    for name, (fault, words) in FAULTS.items():
+        body.go(200)
+        found[name] = body.go(100, **fault)
+        assert min(map(abs, found[name])) <= TRIED, name
+        reports.clear()
+        if words:
+            body.bench.until(partial(is_told, words))
+    assert max(body.go(200)) > 1.0, "it comes back"
+    if len(RESTED) == len(BODIES):
+        for name in FAULTS:
+            np.testing.assert_allclose(RESTED["native"][name], RESTED["python"][name], atol=1e-6)
 
 
 def test_no_measurement_leads_to_a_command_out_of_bounds(body: Body) -> None:

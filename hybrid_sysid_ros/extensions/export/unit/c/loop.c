@@ -125,11 +125,13 @@ int @{name}_init(@{name}_memory *unit)
 void @{name}_forget_estimate(@{name}_memory *unit)
 {
     @forget_estimate;
+@begin_monitor
 }
 
 void @{name}_forget_plan(@{name}_memory *unit)
 {
     @forget_plan;
+@begin_guard
 }
 
 void @{name}_reset(@{name}_memory *unit)
@@ -145,6 +147,7 @@ int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement
     memcpy(unit->outputs, measurement->outputs, sizeof unit->outputs);
     memcpy(unit->applied, measurement->applied, sizeof unit->applied);
 @rebase    known = @observe;
+    memcpy(unit->applied, measurement->applied, sizeof unit->applied); /* what cannot be right was taken from it */
     memcpy(command->state, unit->out, sizeof command->state);
     memcpy(command->ahead, unit->out + @{NAME}_STATES, sizeof command->ahead);
     memcpy(command->disturbance, unit->instance + @{NAME}_STATES, sizeof command->disturbance);
@@ -159,12 +162,33 @@ void @{name}_expected(@{name}_memory *unit, @{name}_real *outputs)
     memcpy(outputs, unit->outputs, sizeof unit->outputs);
 }
 
-void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command)
+void @{name}_judge(@{name}_memory *unit, const @{name}_real *applied, @{name}_command *command)
+{
+    memmove(unit->applied, applied, sizeof unit->applied);
+    @judge;
+    command->level = unit->guard_core[0].level;
+    command->cause = unit->guard_failsafe[0].cause + 1;
+    if (command->cause == @{NAME}_NOTHING && command->level > @{NAME}_DRIVING) {
+        command->cause = @{NAME}_SENSOR;
+    }
+}
+
+void @{name}_decide_from(
+    @{name}_memory *unit, const @{name}_real *now, const @{name}_reference *reference, @{name}_command *command)
 {
     memcpy(unit->instance + @preview, reference->outputs, sizeof reference->outputs);
+    if (now != NULL) {
+        memcpy(unit->now, now, sizeof unit->now);
+    }
     @decide;
     memcpy(command->inputs, unit->command, sizeof command->inputs);
     command->status = unit->progress[0].status;
+}
+
+void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command)
+{
+    @{name}_judge(unit, unit->applied, command);
+    @{name}_decide_from(unit, reference->outputs, reference, command);
 }
 
 void @{name}_step(
@@ -179,6 +203,24 @@ void @{name}_step(
 void @{name}_sent(@{name}_memory *unit, const @{name}_real *inputs)
 {
     memcpy(unit->command, inputs, sizeof unit->command);
+    @sent;
+}
+
+void @{name}_come_back(@{name}_memory *unit)
+{
+    unit->progress[0].returning = 1;
+}
+
+void @{name}_at_rest(@{name}_memory *unit, @{name}_real *inputs)
+{
+    @find_rest;
+    memcpy(inputs, unit->plan, sizeof unit->plan);
+}
+
+void @{name}_lead(@{name}_memory *unit, const @{name}_real *outputs)
+{
+    memcpy(unit->now, outputs, sizeof unit->now);
+    @lead;
 }
 
 void @{name}_prepare(@{name}_memory *unit, @{name}_real elapsed)

@@ -40,7 +40,25 @@ enum @{name}_status {
     @{NAME}_NOT_CONVERGED, /* the last iterate, within the bounds */
     @{NAME}_FAILED, /* no solution: the rest of the last plan, or the last command */
     @{NAME}_POLICY, /* the policy's plan, which has passed the check */
-    @{NAME}_HELD /* neither a policy nor a plan: the last command */
+    @{NAME}_HELD, /* neither a policy nor a plan: the last command */
+    @{NAME}_RESTED /* the guard rests the inputs */
+};
+
+/* What the guard allows, by the evidence that it has. */
+enum @{name}_level {
+    @{NAME}_DRIVING, /* the reference is followed */
+    @{NAME}_SLOWED, /* the reference moves slowly, and the inputs stay near rest */
+    @{NAME}_HOLDING, /* the outputs are held where they are */
+    @{NAME}_RESTING /* the inputs are at rest, or what the rig's stabiliser makes of it */
+};
+
+/* Why that is no more. */
+enum @{name}_cause {
+    @{NAME}_NOTHING,
+    @{NAME}_ESTIMATE, /* measurements contradict the model */
+    @{NAME}_ACTUATOR, /* the actuator does not do what was commanded */
+    @{NAME}_RANGE, /* the state is outside of the rig's travel or validity */
+    @{NAME}_SENSOR /* a sensor is missing or left out */
 };
 
 /* inputs: always finite and within their bounds. state: estimated at the measurement. ahead: when the command acts.
@@ -51,6 +69,8 @@ typedef struct {
     @{name}_real state[@{NAME}_STATES];
     @{name}_real ahead[@{NAME}_STATES];
     @{name}_real disturbance[@{NAME}_INPUTS];
+    int level; /* of enum @{name}_level */
+    int cause; /* of enum @{name}_cause */
 } @{name}_command;
 
 @records
@@ -86,12 +106,28 @@ void @{name}_step(
 int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement, @{name}_command *command);
 void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command);
 
+/* The halves of the second one. This finds what level the guard allows: applied is what acted, NAN where that is not
+ * known. That finds the command; now: the reference when it acts, NULL where the reference stands still.
+ */
+void @{name}_judge(@{name}_memory *unit, const @{name}_real *applied, @{name}_command *command);
+void @{name}_decide_from(
+    @{name}_memory *unit, const @{name}_real *now, const @{name}_reference *reference, @{name}_command *command);
+
+/* Inputs at rest: of a rig with a stabiliser what that makes of the newest state, unless its actuators are in doubt. */
+void @{name}_at_rest(@{name}_memory *unit, @{name}_real *inputs);
+
+/* Lead the reference on from these outputs, at the rig's rate. */
+void @{name}_lead(@{name}_memory *unit, const @{name}_real *outputs);
+
 /* The outputs that the newest estimate expects. */
 void @{name}_expected(@{name}_memory *unit, @{name}_real *outputs);
 
-/* Forget the measurements, or the last plan, alone. */
+/* Forget the measurements, or the last plan and all doubt about actuators and range, alone. */
 void @{name}_forget_estimate(@{name}_memory *unit);
 void @{name}_forget_plan(@{name}_memory *unit);
+
+/* Begin the next command where the rig is, with a new plan, and lead the reference on from there. */
+void @{name}_come_back(@{name}_memory *unit);
 
 /* Say that other inputs were sent than those of the last command. */
 void @{name}_sent(@{name}_memory *unit, const @{name}_real *inputs);

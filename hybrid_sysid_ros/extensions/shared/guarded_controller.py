@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Controller
+from hybrid_sysid_ros.control.controller import Controller, MpcSolution
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.control.safety.guard import Guard
 from hybrid_sysid_ros.estimation.estimator import StateEstimate
@@ -15,8 +15,8 @@ from hybrid_sysid_ros.support.arrays import Array
 class GuardedController:
     """Answers the estimates of a monitored estimator: follows the reference, slows down, holds or rests.
 
-    level: what the guard allowed last. input: the newest command (m,). times: of the preview, from when the command
-    acts on (horizon,) [s].
+    level: what the guard allowed last. plan: the controller's newest, None at rest. input: the newest command (m,).
+    times: of the preview, from when the command acts on (horizon,) [s].
     """
 
     def __init__(
@@ -33,8 +33,15 @@ class GuardedController:
         self.controller.reset()
         self.guard.begin()
         self.level, self.input, self._returning = LoopState.DRIVING, self._rest.copy(), False
+        self.plan: MpcSolution | None = None
 
     def control(self, estimate: StateEstimate, applied: Array, now: Array, preview: Array, elapsed: float) -> Array:
+        """:meth:`answer`, and :meth:`prepare` for the next one."""
+        command = self.answer(estimate, applied, now, preview, elapsed)
+        self.prepare(elapsed)
+        return command
+
+    def answer(self, estimate: StateEstimate, applied: Array, now: Array, preview: Array, elapsed: float) -> Array:
         """The command (m,) for an estimate, ``elapsed`` [s] after the one before. applied (m,): inputs that acted. now
         (p,), preview (horizon, p): the reference when the command acts, and at ``times`` from then on [SI].
         """
@@ -42,7 +49,7 @@ class GuardedController:
         self.level = level = guard.judge(estimator.doubt, estimator.monitor.without, applied, state, elapsed)
         rest = guard.rest_of(self.controller, state, self._rest)
         if level is LoopState.RESTING:
-            self._returning = True
+            self._returning, self.plan = True, None
             command = rest
         else:
             if self._returning:
@@ -50,9 +57,13 @@ class GuardedController:
                 self.controller.reset()
                 guard.come_back(estimator.expected(estimate, applied))
             preview = guard.reference(level, now, preview, self.times, elapsed)
-            plan = self.controller.control(state, estimate.disturbance, self.input, preview)
-            self.controller.prepare(elapsed)
+            self.plan = plan = self.controller.control(state, estimate.disturbance, self.input, preview)
             command = guard.slowed(plan.input, rest) if guard.slows else plan.input
         self.input = guard.followed(command, self.input, elapsed)
         guard.commanded(self.input)
         return self.input
+
+    def prepare(self, elapsed: float) -> None:
+        """Prepare the next answer, ``elapsed`` [s] after this one."""
+        if self.plan is not None:
+            self.controller.prepare(elapsed)
