@@ -13,7 +13,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -331,3 +331,16 @@ def simulated_records(request: pytest.FixtureRequest, rig: Rig) -> list[Record]:
         simulated_record(rig, sines, seconds=40.0, name="sines", seed=0, noisy=noisy),
         simulated_record(rig, steps, seconds=40.0, name="steps", seed=1, noisy=noisy),
     ]
+
+
+class Frame:
+    """Columns by name that numpy takes for an array, as those of pandas and polars."""
+
+    def __init__(self, **columns: Any) -> None:
+        self.columns, self.by_name = list(columns), columns
+
+    def __getitem__(self, name: str) -> Any:
+        return self.by_name[name]
+
+    def __array__(self, *_: object, **__: object) -> Any:
+        return np.column_stack(list(self.by_name.values()))
