@@ -12,13 +12,15 @@ from hybrid_sysid_ros.core import System, bounded
 from hybrid_sysid_ros.identification import Part, identify, prepare
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.bands import (
+    DRAWS,
     Uncertainty,
-    _best,
-    _runs,
+    _drawn,
+    _moved_by,
     bands_of,
     correlation_time,
     widening_of,
 )
+from hybrid_sysid_ros.identification.validation.left_out import free_run_of, left_out
 from hybrid_sysid_ros.models import Sampling
 from tests.linear_bench import bench, held_levels, record_of
 
@@ -48,26 +50,40 @@ def test_what_an_offset_and_a_parameter_leave_open_is_that_of_the_integral():
     record, covariance = level(), np.array([[0.01**2]])
     experiment = prepare(record, Integrator(), SAMPLING)
     known = Uncertainty(names=("gain",), covariance=covariance, spans=np.array([4.0]))
-    run, (moved,), drawn = _runs(Integrator(), experiment, known, (0.001,))
+    first = np.zeros(1)
+    run = free_run_of(Integrator(), experiment, first)
     time = 0.05 * np.arange(experiment.samples)
+    moved = _moved_by(Integrator(), experiment, np.array([0.004]), first, run)
     np.testing.assert_allclose(np.sqrt(moved[:, 0]), 2.0 * 0.004 * time, atol=1e-9)
-    draw = abs(0.01 * np.random.default_rng(0).normal())
-    np.testing.assert_allclose(np.sqrt(drawn[:, 0]), draw / 2.0 * np.abs(run[:, 0] - run[0, 0]), atol=1e-9)
+    random = np.random.default_rng(0)
+    draw = np.sqrt(np.mean([(0.01 * random.normal()) ** 2 for _ in range(DRAWS // 2)]))
+    drawn = _drawn(Integrator(), experiment, known, first, run)
+    np.testing.assert_allclose(np.sqrt(drawn[:, 0]), draw / 2.0 * np.abs(run[:, 0]), atol=1e-9)
 
 
-def test_bands_of_white_errors_are_the_quantiles_of_a_normal_distribution():
-    errors = np.abs(0.3 * np.random.default_rng(0).normal(size=40000))
-    _, found = _best(errors, np.zeros(40000))
-    for level_, quantile in (("0.5", norm.ppf(0.75)), ("0.9", norm.ppf(0.95))):
-        assert found["widths"][level_] * found["floor"] == pytest.approx(0.3 * quantile, rel=0.03)
+def test_a_record_is_left_out_of_a_fit_of_the_others():
+    """Of integrators whose gains differ, each gets the mean gain of the others."""
+    gains, records = (1.9, 2.0, 2.1, 2.4), []
+    for gain in gains:
+        shown = level()
+        records.append(replace(shown, output=gain / 2.0 * shown.output))
+    experiments = [prepare(record, Integrator(), SAMPLING) for record in records]
+    blocks = left_out(Integrator(), experiments, {"gain": 1.0}, 1.0)
+    assert [(block.record, block.samples.stop) for block in blocks] == [(k, experiments[k].samples) for k in range(4)]
+    for block in blocks:
+        others = np.mean([gain for k, gain in enumerate(gains) if k != block.record])
+        assert block.system.named["gain"] == pytest.approx(others, abs=1e-3)
 
 
-def test_bands_follow_what_makes_the_errors():
-    """Errors in proportion to what an offset does get bands in proportion to it."""
-    sizes = np.linspace(0.01, 1.0, 20000)
-    _, found = _best(np.abs(sizes * np.random.default_rng(0).normal(size=20000)), sizes**2)
-    assert found["floor"] < 0.1
-    assert found["gain"] * found["widths"]["0.9"] == pytest.approx(norm.ppf(0.95), rel=0.1)
+def test_a_run_that_goes_farther_than_training_has_wider_bands(rig):
+    record = bench(samples=4001)
+    model = identify([record], rig, "linear", sampling=Sampling(), refine=True)
+    experiment = experiment_of(model, record)
+    farther = replace(experiment, inputs=3.0 * experiment.inputs, outputs=3.0 * experiment.outputs)
+    same, wider = (bands_of(model, item)[1] for item in (experiment, farther))
+    centre = model.fit["bands"]["outputs"]["position"]["centre"]
+    growth = np.sqrt(np.mean((wider.run - centre) ** 2) / np.mean((same.run - centre) ** 2))
+    assert np.median(wider.half) == pytest.approx(growth * np.median(same.half), rel=0.2)
 
 
 def test_errors_that_remember_are_few():
@@ -78,7 +94,7 @@ def test_errors_that_remember_are_few():
 
 def test_bands_of_few_errors_to_which_numbers_were_fitted_are_wider():
     errors = np.random.default_rng(0).normal(size=30)
-    count, used = 30 / correlation_time([errors]), 4.0
+    count, used = 30 / correlation_time([errors], centred=False), 4.0
     factor = np.sqrt(count / (count - used) * (1 + used / count))
     expected = factor * student.ppf(0.95, count - used) / norm.ppf(0.95)
     assert widening_of([errors], used) == pytest.approx(expected)
@@ -90,7 +106,7 @@ def test_a_record_that_no_fit_saw_lies_within_its_bands(rig):
     clean = bench(samples=8001)
     noise = 0.03 * clean.output.std() * np.random.default_rng(0).normal(size=clean.output.shape)
     record = replace(clean, output=clean.output + noise)
-    model = identify([record], rig, "linear", sampling=Sampling(), part=Part(stop=0.6))
+    model = identify([record], rig, "linear", sampling=Sampling(), part=Part(stop=0.6), refine=True)
     experiment = experiment_of(model, record, part=Part(start=0.6))
     half, ninety = bands_of(model, experiment)
     assert (half.level, ninety.level) == (0.5, 0.9)

@@ -40,7 +40,7 @@ def measured() -> dict[str, Any]:
     ratios = []
     for number in (1, 2):
         protocol = lecture.arrange(records, number)
-        model = identify(protocol.training, rig, STRUCTURE, sampling=Sampling(), part=protocol.parts)
+        model = identify(protocol.training, rig, STRUCTURE, sampling=Sampling(), part=protocol.parts, refine=True)
         found[f"protocol {number}"] = {}
         for record, part in protocol.tests:
             experiment = experiment_of(model, record, part=part)

@@ -18,6 +18,7 @@ from hybrid_sysid_ros.identification.parameter_groups import groups
 from hybrid_sysid_ros.identification.part import Part, parts_of, without_gaps
 from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.bands import Uncertainty, band_calibration
+from hybrid_sysid_ros.identification.validation.left_out import LeftOut, left_out
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
 from hybrid_sysid_ros.models import Model, Sampling
@@ -84,16 +85,17 @@ def identify(
         )
     if refine and found.is_gray_box:
         context, fitted = _refined(context, fitted)
-    return _model(records, parts, structure, context, fitted)
+    return _model(records, parts, structure, context, fitted, leave_out=refine)
 
 
-def _model(records: Sequence[Record], parts: Sequence[Part], structure: str, context: Context, fitted: Fit) -> Model:
+def _model(
+    records: Sequence[Record], parts: Sequence[Part], structure: str, context: Context, fitted: Fit, *, leave_out: bool
+) -> Model:
     """The model of a fit, with what is known of its training."""
     rig, spread = context.rig, len(fitted.block_spread) == len(fitted.names) > 0
     known_together = groups(fitted)
     experiments, shown = context.experiments(fitted.system), context.experiments(rig.system)
     ranges = _ranges(rig, shown)
-    bands = _bands(rig, fitted, fitted.effective, experiments, ranges)
     return Model(
         rig=rig.name,
         place="" if rig.source == rig.name else rig.source,
@@ -115,8 +117,7 @@ def _model(records: Sequence[Record], parts: Sequence[Part], structure: str, con
             "evaluations": fitted.evaluations,
             "seed": context.seed,
             **({"block_spread": dict(zip(fitted.names, fitted.block_spread.tolist(), strict=True))} if spread else {}),
-            **({"bands": bands} if bands else {}),
-            **_notes(fitted.system, experiments),
+            **_noted(rig, fitted, context.options, experiments, ranges, leave_out=leave_out),
             **fitted.notes,
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
             **({"groups": [group.content for group in known_together]} if known_together else {}),
@@ -186,9 +187,7 @@ def notes_of(model: Model, records: Sequence[Record], rig: Rig) -> dict[str, Any
                         f"{item.name}: the model scored {then:.4f} over it, and now {now:.4f}: not the same"
                     )
         noted += experiments
-    most = float(len(model.names) + len(model.system.weights))  # the data determined no more numbers
-    bands = _bands(rig, model, most, noted, model.training_range)
-    return {**({"bands": bands} if bands else {}), **_notes(model.system, noted)}
+    return _noted(rig, model, model.fit.get("options", {}), noted, model.training_range, leave_out=True)
 
 
 def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
@@ -212,24 +211,30 @@ def _ranges(rig: Rig, experiments: Sequence[PreparedRecord]) -> dict[str, tuple[
     return {variable.name: (float(column.min()), float(column.max())) for variable, column in columns}
 
 
-def _bands(
+def _noted(
     rig: Rig,
     fitted: Fit | Model,
-    effective: float,
+    options: Mapping[str, Any],
     experiments: Sequence[PreparedRecord],
     ranges: Mapping[str, tuple[float, float]],
+    *,
+    leave_out: bool,
 ) -> dict[str, Any]:
-    """What bands need to know; empty for an unstable rig, which has no free runs."""
-    if rig.experiments.stabiliser is not None:
-        return {}
-    spans = np.array([np.ptp(ranges[item.name]) for item in rig.system.inputs])
-    known = Uncertainty(names=fitted.names, covariance=fitted.covariance, effective=effective, spans=spans)
-    return band_calibration(fitted.system, experiments, known)
-
-
-def _notes(system: System, experiments: Sequence[PreparedRecord]) -> dict[str, Any]:
-    """What extensions note of the training records, by name."""
-    made = {name: note(system, experiments) for name, note in provided("training_notes").items()}
+    """What bands need to know, but of an unstable rig, which has no free runs, and what extensions note of the training
+    records, by name. leave_out: with fits without each of these.
+    """
+    system, blocks, made = fitted.system, list[LeftOut](), dict[str, Any]()
+    if rig.experiments.stabiliser is None:
+        deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0)).tolist()
+        if leave_out:
+            known = dict(zip(fitted.names, deviations, strict=True))
+            blocks = left_out(system, experiments, known, float(options.get("ridge", 1.0)))
+        # An older model does not say how many numbers the data determined: at most all.
+        effective = fitted.effective if isinstance(fitted, Fit) else float(len(deviations) + len(system.weights))
+        spans = np.array([np.ptp(ranges[item.name]) for item in rig.system.inputs])
+        given = Uncertainty(names=fitted.names, covariance=fitted.covariance, effective=effective, spans=spans)
+        made["bands"] = band_calibration(system, experiments, given, blocks)
+    made |= {name: note(system, experiments, blocks) for name, note in provided("training_notes").items()}
     return {name: note for name, note in made.items() if note}
 
 

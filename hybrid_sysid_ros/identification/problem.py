@@ -93,6 +93,8 @@ class FitProblem:
         units = self._units()
         self.nuisance_units = np.array([self._sizes.get(i, float(units[i])) for i in self.moved_states])
         """Prior deviation of each fitted initial state; record i has the value point[shared + state * records + i]."""
+        self.without = slice(0, 0)
+        """Rows of the residuals that do not count."""
         self.evaluations = 0
         self.confidence = 1.0
         """Factor of the errors' weight where they turn out to be smaller than expected."""
@@ -264,6 +266,7 @@ class FitProblem:
             errors = ((out - outputs) * weight).ravel()
             # A diverging simulation must repel the search, not stop it.
             errors = np.nan_to_num(np.clip(errors, -1e6, 1e6), nan=1e6)
+            errors[self.without] = 0.0
             return np.concatenate([errors, self.priors(point)])
 
         return evaluate
@@ -310,6 +313,7 @@ class FitProblem:
                     part = slice(edges[record], edges[record + 1])
                     place = self.shared + kind * records + record
                     result[part.start * count : part.stop * count, place] = change[part].ravel()
+            result[self.without] = 0.0
             result[rows:] = self.prior_jacobian
             return result
 

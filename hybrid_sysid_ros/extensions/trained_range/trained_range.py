@@ -124,7 +124,7 @@ def _channels(system: System) -> tuple[int, int]:
     return len(system.outputs), len(system.inputs)
 
 
-def noted(system: System, experiments: Sequence[PreparedRecord]) -> dict[str, Any] | None:
+def noted(system: System, experiments: Sequence[PreparedRecord], blocks: object = ()) -> dict[str, Any] | None:
     """The trained range as it stands in a model's file; None where records are too short."""
     found = TrainedRange.of(system, experiments)
     return None if found is None else found.content

@@ -1,39 +1,41 @@
 """Bands: how far a measurement is from a free run, by what parameters, inputs and noise leave open.
 
-A run's deviation at each sample is s^2 = floor^2 + gain^2 (s_offset^2 + s_parameters^2): s_offset from two runs with an
-offset of the inputs, s_parameters from two runs with parameters drawn from their covariance. Offset, floor and gain are
-those with which the training records' own errors get the best interval score (Gneiting & Raftery 2007, J. Am. Stat.
-Assoc. 102). A band of level p is as many deviations wide as hold a share p of these errors, widened as the prediction
-of a regression is: errors of n independent stretches to which p numbers were fitted are smaller than those to come,
+A run's deviation at each sample is s^2 = (growth floor)^2 + s_parameters^2: s_parameters from runs with parameters
+drawn from their covariance, floor the root mean square of the errors of training records that were left out of the fit
+(:mod:`.left_out`). What a law does not say grows with the motion: growth is the excursion of the run, its root mean
+square about the training's mean, in the largest of a training record, and at least 1. A band of level p is as many
+deviations wide as hold a share p of these errors, and wider by Student's factor t(n) / z of 90 % for n independent
+errors, whose records' offsets count.
 
-    sqrt(n / (n - p) (1 + p / n)) t(n - p) / z,   t / z at 90 % for both levels.
+Where no record can be left out, the training errors take their place. Those of n independent stretches to which p
+numbers were fitted are smaller than those to come, and a band is wider by sqrt(n / (n - p) (1 + p / n)), too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
 
-from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.standard_errors import student_factor
 from hybrid_sysid_ros.identification.starts import initial_state
+from hybrid_sysid_ros.identification.validation.left_out import LeftOut, free_run_of
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array
 
 LEVELS = (0.5, 0.9)
-OFFSETS = (0.0005, 0.001, 0.002, 0.004)
-"""Offsets of the inputs that are tried, in the span of their values in training."""
-FLOORS, GAINS = (0.1, 0.25, 0.5, 1.0), (0.0, 0.5, 1.0, 2.0)
-"""Floors, in the root mean square of the training errors, and gains that are tried."""
-DRAWS = 2
-"""Systems with other numbers, which mirror each other."""
+FLOOR = ("floor", "centre", "excursion")
+"""What is known of each output."""
+OFFSET, OFFSETS = 0.001, (0.0005, 0.004)
+"""Offset of the inputs that is simulated, and least and largest that errors are taken for, in the span of training."""
+DRAWS = 4
+"""Systems with other numbers, of which two mirror each other."""
 MOST_USED = 0.5
 """Most of the independent errors that fitted numbers count for, since with all of them nothing is left to widen by."""
 WINDOW = 5.0
@@ -75,34 +77,46 @@ class Band:
         return np.asarray(np.mean(np.abs(measured - self.run)[scored] <= self.half[scored], axis=0))
 
 
-def band_calibration(system: System, experiments: Sequence[PreparedRecord], known: Uncertainty) -> dict[str, Any]:
-    """Offset, and by output floor, gain, widths by level and the errors' correlation time in samples, as plain data;
-    empty where a run diverges.
+def band_calibration(
+    system: System, experiments: Sequence[PreparedRecord], known: Uncertainty, blocks: Sequence[LeftOut]
+) -> dict[str, Any]:
+    """By output floor, widths by level and the errors' correlation time in samples, and the offset of the inputs that
+    moves runs as far as the errors are, as plain data; empty where a run diverges. blocks: those that were left out.
     """
-    runs = [_runs(system, item, known, OFFSETS) for item in experiments]
-    if not all(np.isfinite(nominal).all() for nominal, _, _ in runs):
+    firsts = [initial_state(system, item) for item in experiments]
+    runs = [free_run_of(system, item, first) for item, first in zip(experiments, firsts, strict=True)]
+    if not all(np.isfinite(run).all() for run in runs):
         return {}
-    scored = [item.scored for item in experiments]
-    signed = [(item.outputs - run[0])[use] for item, run, use in zip(experiments, runs, scored, strict=True)]
-    moved = [
-        np.concatenate([run[1][k][use] for run, use in zip(runs, scored, strict=True)]) for k in range(len(OFFSETS))
-    ]
-    drawn = np.concatenate([run[2][use] for run, use in zip(runs, scored, strict=True)])
-    errors = np.abs(np.concatenate(signed))
-    wider = [widening_of([part[:, k] for part in signed], known.effective) for k in range(len(system.outputs))]
-    best, least = dict[str, Any](), np.inf
-    for k, share in enumerate(OFFSETS):
-        chosen, total = {}, 0.0
-        for column, item in enumerate(system.outputs):
-            own = errors[:, column]
-            score, found = _best(own, moved[k][:, column] + drawn[:, column])
-            widths = {level: value * wider[column] for level, value in found["widths"].items()}
-            correlation = correlation_time([part[:, column] for part in signed])
-            chosen[item.name] = {**found, "widths": widths, "correlation": correlation}
-            total += score / max(float(np.sqrt(np.mean(own**2))), 1e-300)
-        if total < least:
-            best, least = {"offset": share, "outputs": chosen}, total
-    return best
+    fitted = [(item.outputs - run)[item.scored] for item, run in zip(experiments, runs, strict=True)]
+    signed, used = fitted, known.effective
+    if blocks:
+        apart, used = [run.copy() for run in runs], 0.0
+        for block in blocks:
+            apart[block.record][block.samples] = free_run_of(block.system, experiments[block.record])[block.samples]
+        pairs = zip(experiments, apart, strict=True)
+        signed = [_bounded(item.outputs - run, item.outputs)[item.scored] for item, run in pairs]
+    given = list(zip(experiments, firsts, runs, strict=True))
+    drawn = np.concatenate([_drawn(system, item, known, *of)[item.scored] for item, *of in given])
+    offsets = OFFSET * known.spans
+    moved = np.concatenate([_moved_by(system, item, offsets, *of)[item.scored] for item, *of in given])
+    shares, found = [], dict[str, Any]()
+    for column, item in enumerate(system.outputs):
+        own = np.concatenate([part[:, column] for part in signed])
+        floor = max(float(np.sqrt(np.mean(own**2))), 1e-300)
+        outputs = [record.outputs[record.scored, column] for record in experiments]
+        centre = float(np.mean(np.concatenate(outputs)))
+        excursion = float(max(_excursion(part, centre) for part in outputs))
+        ratios = np.abs(own) / np.sqrt(floor**2 + drawn[:, column])
+        wider = widening_of([part[:, column] for part in signed], used)
+        shares.append(OFFSET * floor / max(float(np.sqrt(np.mean(moved[:, column]))), 1e-300))
+        found[item.name] = {
+            "floor": floor,
+            "centre": centre,
+            "excursion": excursion,
+            "widths": {f"{level:g}": wider * float(np.quantile(ratios, level)) for level in LEVELS},
+            "correlation": correlation_time([part[:, column] for part in fitted]),
+        }
+    return {"offset": float(np.clip(np.median(shares), *OFFSETS)), "outputs": found}
 
 
 def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
@@ -110,85 +124,75 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     such as an older one, or one of an unstable rig.
     """
     calibration = model.note("bands")
-    if not calibration:
+    if not calibration or not all(set(FLOOR) <= set(item) for item in calibration["outputs"].values()):
         return []
     system, ranges = model.system, [model.training_range[item.name] for item in model.system.inputs]
     spans = np.array([high - low for low, high in ranges])
     known = Uncertainty(names=model.names, covariance=model.covariance, spans=spans)
-    run, (moved,), drawn = _runs(system, experiment, known, (float(calibration["offset"]),))
+    first = initial_state(system, experiment)
+    run = free_run_of(system, experiment, first)
+    drawn = _drawn(system, experiment, known, first, run)
     own = [calibration["outputs"][item.name] for item in system.outputs]
-    floor, gain = (np.array([float(item[key]) for item in own]) for key in ("floor", "gain"))
-    deviation = np.sqrt(floor**2 + gain**2 * (moved + drawn))
+    floor, centre, excursion = (np.array([float(item[key]) for item in own]) for key in FLOOR)
+    growth = np.maximum(_excursion(run, centre) / excursion, 1.0)
+    deviation = np.sqrt((growth * floor) ** 2 + drawn)
     widths = [np.array([float(item["widths"][f"{level:g}"]) for item in own]) for level in LEVELS]
     return [Band(level=level, run=run, half=deviation * width) for level, width in zip(LEVELS, widths, strict=True)]
 
 
+def _excursion(values: Array, centre: Array | float) -> Any:
+    """Root mean square about a centre (outputs,) of values (samples, outputs), which may be columns alone."""
+    return np.sqrt(np.mean((values - centre) ** 2, axis=0))
+
+
 def widening_of(errors: Sequence[Array], effective: float) -> float:
     """The factor of a band for errors to come, from those of an output in each training record, (samples,)."""
-    count = sum(len(part) / correlation_time([part]) for part in errors)
+    count = sum(map(len, errors)) / correlation_time(errors, centred=False)
     used = min(effective, MOST_USED * count)
     return float(np.sqrt(count / max(count - used, 1.0) * (1.0 + used / count)) * student_factor(count - used))
 
 
-def correlation_time(parts: Sequence[Array]) -> float:
+def correlation_time(parts: Sequence[Array], *, centred: bool = True) -> float:
     """Samples of one independent error, at least 1, of the errors in some records, each (samples,).
 
         tau = 1 + 2 sum_{k=1}^{M} r(k),   M the smallest with M >= WINDOW tau(M)
 
-    with r the autocorrelation over all records together, each without its mean. N samples give a mean the variance that
-    N / tau independent ones would: Bayley & Hammersley (1946), J. R. Stat. Soc. Suppl. 8(2); M: Sokal (1997), Monte
-    Carlo methods in statistical mechanics, section 3. An AR(1) with pole a has tau = (1 + a) / (1 - a).
+    with r the autocorrelation over all records together, each without its mean if centred. N samples give a mean the
+    variance that N / tau independent ones would: Bayley & Hammersley (1946), J. R. Stat. Soc. Suppl. 8(2); M: Sokal
+    (1997), Monte Carlo methods in statistical mechanics, section 3. An AR(1) with pole a has tau = (1 + a) / (1 - a).
     """
     longest = max(len(part) for part in parts)
     sums = np.zeros(longest)
     for part in parts:
-        centred = part - part.mean()
-        sums[: len(part)] += correlate(centred, centred, method="fft")[len(part) - 1 :]
+        own = part - part.mean() if centred else part
+        sums[: len(part)] += correlate(own, own, method="fft")[len(part) - 1 :]
     times = 2.0 * np.cumsum(sums / max(float(sums[0]), 1e-300)) - 1.0
     enough = np.flatnonzero(np.arange(longest) >= WINDOW * times)
     return float(np.clip(times[enough[0]] if len(enough) else times[-1], 1.0, longest))
 
 
-def _best(errors: Array, squares: Array) -> tuple[float, dict[str, Any]]:
-    """The least interval score of an output's errors (samples,), and what makes it; squares: deviations squared."""
-    size, least, best = float(np.sqrt(np.mean(errors**2))), np.inf, dict[str, Any]()
-    for floor, gain in product(FLOORS, GAINS):
-        deviation = np.sqrt((floor * size) ** 2 + gain**2 * squares)
-        ratios, score, widths = errors / np.maximum(deviation, 1e-300), 0.0, {}
-        for level in LEVELS:
-            width = float(np.quantile(ratios, level))
-            beyond = np.maximum(errors - width * deviation, 0.0)
-            score += float(np.mean(2.0 * width * deviation + 2.0 / (1.0 - level) * beyond))
-            widths[f"{level:g}"] = width
-        if score < least:
-            least, best = score, {"floor": floor * size, "gain": gain, "widths": widths}
-    return least, best
+def _drawn(system: System, experiment: PreparedRecord, known: Uncertainty, first: Array, run: Array) -> Array:
+    """Squared deviations (samples, outputs) by parameters of a run from a state (states,)."""
+    others = [free_run_of(other, experiment, first) for other in drawn_systems(system, known)]
+    return _squares(others, run, experiment)
 
 
-def _runs(
-    system: System, experiment: PreparedRecord, known: Uncertainty, offsets: Sequence[float]
-) -> tuple[Array, list[Array], Array]:
-    """The free run (samples, outputs), and squared deviations of it by each offset and by parameters."""
-    sampling = experiment.sampling
-    starts, first = np.array([[0, 0, experiment.samples, 0]]), initial_state(system, experiment)[None]
-    given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
+def _moved_by(system: System, experiment: PreparedRecord, offsets: Array, first: Array, run: Array) -> Array:
+    """Squared deviations (samples, outputs) by offsets of the inputs (inputs,) of a run from a state (states,)."""
+    sides = [replace(experiment, inputs=experiment.inputs + side * offsets) for side in (-1.0, 1.0)]
+    return _squares([free_run_of(system, side, first) for side in sides], run, experiment)
 
-    def run(changed: System, inputs: Array) -> Array:
-        return rollouts(changed, starts, first, inputs, **given)[1]
 
-    nominal, most = run(system, experiment.inputs), np.ptp(experiment.outputs, axis=0)
+def _squares(others: Sequence[Array], run: Array, experiment: PreparedRecord) -> Array:
+    """Mean squares of the differences of other runs from a run, (samples, outputs)."""
+    squares = [_bounded(other - run, experiment.outputs) ** 2 for other in others]
+    return np.mean(squares, axis=0) if squares else np.zeros_like(run)
 
-    def square(other: Array) -> Array:
-        """A run that goes astray leaves everything open that the record has."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.minimum(np.nan_to_num(np.abs(other - nominal), nan=np.inf), most) ** 2
 
-    moved = []
-    for share in offsets:
-        sides = [run(system, experiment.inputs + side * share * known.spans) for side in (-1.0, 1.0)]
-        moved.append(0.5 * (square(sides[0]) + square(sides[1])))
-    drawn = [square(run(changed, experiment.inputs)) for changed in drawn_systems(system, known)]
-    return nominal, moved, np.mean(drawn, axis=0) if drawn else np.zeros_like(nominal)
+def _bounded(errors: Array, outputs: Array) -> Array:
+    """Errors (samples, outputs) of a run, which one that goes astray leaves as large as all that the record has."""
+    most = np.ptp(outputs, axis=0)
+    return np.asarray(np.clip(np.nan_to_num(errors, nan=np.inf), -most, most))
 
 
 def drawn_systems(system: System, known: Uncertainty, count: int = DRAWS) -> list[System]:
