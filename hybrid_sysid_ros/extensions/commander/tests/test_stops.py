@@ -15,12 +15,13 @@ SAID = {
         cancel that | quit | brake | turn it off | turn the motor off | switch off | shut down | shut it
         all down | power off | halt the swing | hit the brakes | enough | that's enough | hold on! | don't
         move | stand still | knock it off | oh no stop | no, stop! | oh no it is shaking stop | please
-        brake | you must abort now | go to 99 V stop | can't you stop
+        brake | you must abort now | go to 99 V stop | can't you stop |
+        never mind | Nevermind! | forget it | no more! | don't continue | never mind, go to 2 V
     """,
     "pt": """
         pare | PARE | pára! | para | para tudo | para já | meu deus para | não, para! | parar | parem |
         pare agora | chega | basta | desliga | desligue o motor | aborta | cancela | freia | trava |
-        interrompe isso | não se mexa | fica quieto
+        interrompe isso | não se mexa | fica quieto | não continue | deixa pra lá | esquece isso
     """,
     "es": """
         para ya | párate | deténgase | detente | detener | ¡alto! | basta ya | frena | apágalo | apague el
@@ -36,6 +37,8 @@ SAID = {
         freine | coupe le moteur | ne bouge plus | ne bougez pas | annule
     """,
 }
+ALONE = {"hold on!", "forget it", "no more!", "deixa pra lá", "esquece isso"}
+"""Stops as whole sentences alone."""
 LATCHING = """
     emergency | emergency stop | E-STOP | estop now | cut the power | kill it | pull the plug | emergência |
     parada de emergência | corta a energia | socorro | emergencia | corta la corriente | Not-Aus | NOTAUS |
@@ -44,7 +47,8 @@ LATCHING = """
 NONE = """
     don't stop | do not ever stop | never stop | go to 3 V without stopping | não pare | no pares | n'arrête
     pas | ne t'arrête pas | nicht anhalten | hör nicht auf | halt nicht an | sem parar | step to 3 V | vai para
-    3 graus | de 1 para 2 V | sobe mais alto que 3 | half of 3 V | what is the weather like
+    3 graus | de 1 para 2 V | sobe mais alto que 3 | half of 3 V | what is the weather like |
+    go no more than 2 V | don't forget to go to 2 V
 """
 
 
@@ -55,7 +59,7 @@ def listed(text: str) -> list[str]:
 @pytest.mark.parametrize("text", [text for texts in SAID.values() for text in listed(texts)])
 def test_every_word_for_a_stop_stops(text: str) -> None:
     assert stop_in(text) == STOP
-    assert stop_in(f"oh my, {text.upper()}") == STOP or text == "hold on!"
+    assert stop_in(f"oh my, {text.upper()}") == STOP or text in ALONE
     sentence = grammar.read(text, Vocabulary.of(rigs.load("cam_beam")))
     assert sentence.is_stop
     assert not sentence.emergency
