@@ -23,6 +23,8 @@ from hybrid_sysid_ros.extensions.export.unit.daqp_source import copy_to, daqp
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import PrintedLoop
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop, loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.replay import (
+    FAULTS,
+    SPELL,
     PeriodAnswer,
     PeriodQuestion,
     answers_of,
@@ -140,7 +142,7 @@ def export_loop(
             made = BuiltUnit(library, name, **sizes_of(loop), single=single)
             calls = [f"{name}_{call}" for call in ("step", "observe", "judge", "decide_from", "prepare", "reset")]
             stack = stack_use.most_bytes(Path(scratch), calls, constraints=unit.most_active(loop)) if flags else None
-            differences = _compared(python, made, questions, answers, more, single=single)
+            differences = _compared(rig, python, made, questions, answers, more, single=single)
         done = UnitExport(
             name=name,
             by=f"{by} {' '.join((*FLAGS, *WARNINGS))}",
@@ -148,7 +150,7 @@ def export_loop(
             tolerances={kind: tolerance_of(python, kind, single=single) for kind in differences},
             bytes=made.bytes,
             stack=stack,
-            periods={"recorded": periods, "odd": more},
+            periods={"recorded": periods, "faulty": SPELL * len(FAULTS), "odd": more},
             sizes=sizes_of(loop),
             active=unit.most_active(loop),
         )
@@ -199,6 +201,7 @@ def sizes_of(loop: PrintedLoop) -> dict[str, int]:
 
 
 def _compared(
+    rig: Rig,
     python: PythonLoop,
     made: BuiltUnit,
     questions: Sequence[PeriodQuestion],
@@ -213,6 +216,9 @@ def _compared(
     if single:
         found["recorded"]["status"] = 0.0  # rounding decides which side of a threshold a number is on
     others = list(odd(questions, more, period=period))
+    if others and not single:
+        wrong, expected = recorded(rig, python, SPELL * len(FAULTS), faults=True)
+        found["faulty"] = largest_difference(answers_of(made, wrong, period, sent=expected), expected, share=MOST)
     if others:
         expected = [] if single else answers_of(python, others, period)
         odd_answers = answers_of(made, others, period, sent=expected)
@@ -271,7 +277,7 @@ def _write_rest(
         "definitions": "DAQP_SINGLE_PRECISION" if single else "",
         "checks": "\n".join(
             f"- {done.periods[kind]} {kind} periods: largest difference of the inputs"
-            f"{f' in {MOST:.0%} of them' if kind == 'odd' else ''} {parts['inputs']:.1e}, of the "
+            f"{f' in {MOST:.0%} of them' if kind != 'recorded' else ''} {parts['inputs']:.1e}, of the "
             f"states {parts['state']:.1e}"
             for kind, parts in done.differences.items()
         ),

@@ -20,6 +20,12 @@ UNKNOWN = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)
 """Applied inputs that no rig has. A million moves an unstable rig to 1e60, where rounding decides the sign."""
 
 
+FAULTS = ("frozen", "flipped", "outliers", "silent", "stuck")
+"""What sensors, and in the end actuators, do in a loop with faults, one after the other."""
+SPELL = 200
+"""Periods for each fault: the second half of these has it."""
+
+
 class PeriodQuestion(NamedTuple):
     """What a loop is asked in a period. anew: it forgets the past first."""
 
@@ -40,25 +46,42 @@ class Stepped(Protocol):
 
 
 def recorded(
-    rig: Rig, loop: PythonLoop, periods: int, *, seed: int = 0
+    rig: Rig, loop: PythonLoop, periods: int, *, seed: int = 0, faults: bool = False
 ) -> tuple[list[PeriodQuestion], list[PeriodAnswer]]:
-    """A loop in Python with the simulated rig, along the rig's first reference."""
+    """A loop in Python with the simulated rig, along the rig's first reference. faults: those of FAULTS happen."""
     plant, period = Plant(rig, seed=seed, bias=rig.bias), loop.estimator.period
     scales = np.array([display.scale for display in rig.display])
     reference, lead = next(iter(rig.references.values())), loop.estimator.system.delay
     ahead: Array = lead + loop.controller.period * np.arange(1, loop.controller.horizon + 1, dtype=np.float64)
     questions, answers = [], []
     loop.reset()
-    applied = loop.command.copy()
+    applied, sound = loop.command.copy(), plant.sensed()
     for k in range(periods):
-        preview = scales * reference(plant.time + ahead)
-        questions.append(PeriodQuestion(plant.time, plant.sensed(), applied, preview, k == 0))
+        preview, outputs = scales * reference(plant.time + ahead), plant.sensed()
+        fault = FAULTS[k // SPELL % len(FAULTS)] if faults and k % SPELL >= SPELL // 2 else ""
+        if not fault:
+            sound = outputs
+        questions.append(PeriodQuestion(plant.time, _read(fault, k, outputs, sound), applied, preview, k == 0))
         answers.append(loop.step(*questions[-1][:4]))
         loop.prepare(period)
-        applied = answers[-1].inputs
+        applied = applied if fault == "stuck" else answers[-1].inputs
         for _ in range(round(period / plant.step)):
             plant.advance(applied)
     return questions, answers
+
+
+def _read(fault: str, k: int, outputs: Array, sound: Array) -> Array:
+    """What sensors show in a fault in period k. sound: readings from before the fault."""
+    match fault:
+        case "frozen":
+            return sound
+        case "flipped":
+            return -outputs
+        case "outliers":
+            return outputs + 100.0 * (k % 7 == 0)
+        case "silent":
+            return np.full_like(outputs, np.nan)
+    return outputs
 
 
 def odd(questions: Sequence[PeriodQuestion], count: int, *, period: float, seed: int = 1) -> Iterator[PeriodQuestion]:
