@@ -1,4 +1,4 @@
-"""Faults on loops of real processes: python -m benchmarks.faults [--ordinary] [--resume] [RIG or NAME...].
+"""Faults on loops of real processes: python -m benchmarks.faults [--ordinary] [--native] [--resume] [RIG or NAME...].
 
 The beam follows a sine under faults of all kinds; beam, joint, vehicle and drill string under faults of each sensor and
 actuator. Of each fault: whether all inputs stayed numbers within their bounds, and the rig within its travel and
@@ -6,8 +6,9 @@ validity, or was held or at rest before it left them; how long the diagnostics t
 long the loop needed to answer again, and whether it tracks as usual a second after the end (three after a start); and
 whether no node ended or showed a traceback.
 
---ordinary: without real-time priority. --resume: go on where a run was interrupted. --markdown: only print the tables
-of the last whole run as the documentation has them.
+--ordinary: without real-time priority. --native: estimator and controller are one process in C, and faults of sensors
+and actuators alone are tried, unless others are named. --resume: go on where a run was interrupted. --markdown: only
+print the tables of the last whole run as the documentation has them.
 Two runs at once disturb each other on a machine of few cores; where there are enough, ROS_DOMAIN_ID keeps them apart.
 """
 
@@ -29,7 +30,7 @@ from benchmarks import result
 from benchmarks.faults.distrust import actuators, sensors, sizes_of
 from benchmarks.faults.faults import CLOCKED, FAULTS
 from benchmarks.faults.observation import MOVING, PATIENCE, WINDOW, Said
-from benchmarks.faults.stage import ORDINARY, Fault, Stage
+from benchmarks.faults.stage import NATIVE, ORDINARY, Fault, Stage
 from hybrid_sysid_ros.commands.terminal import print_table, status
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout
 from hybrid_sysid_ros.rigs.rig import Rig, load
@@ -38,7 +39,7 @@ from hybrid_sysid_ros.support.files import written_file
 
 RIG, NAME = "cam_beam", "faults"
 DOMAIN = int(os.environ.get("ROS_DOMAIN_ID") or 91)
-OPTIONS = {"--ordinary", "--resume", "--markdown"}
+OPTIONS = {"--ordinary", "--native", "--resume", "--markdown"}
 GENERAL, SENSORS, ACTUATORS, TIMED = "general", "sensors", "actuators", "clock"
 """Kinds of faults, each on a stage of its own."""
 LOST: dict[str, Any] = {
@@ -158,7 +159,10 @@ def main() -> int:
     ordinary = "--ordinary" in options
     if ordinary:
         os.environ[ORDINARY] = "1"
-    name = f"{NAME}_ordinary" if ordinary else NAME
+    native = "--native" in options
+    if native:
+        os.environ[NATIVE] = "1"
+    name = NAME + "_native" * native + "_ordinary" * ordinary
     if "--markdown" in options:
         print(markdown(name))
         return 0
@@ -172,6 +176,8 @@ def main() -> int:
     try:
         for rig, kinds in known.items():
             for kind, faults in kinds.items():
+                if native and kind not in (SENSORS, ACTUATORS) and not asked:
+                    continue
                 wanted = {name: each for name, each in faults.items() if not asked or rig in asked or name in asked}
                 play(load(rig), kind, wanted, progress)
         whole = not asked

@@ -29,11 +29,12 @@ from trajectory_msgs.msg import JointTrajectory
 from benchmarks.faults import disk
 from benchmarks.faults.disk import TROUBLE
 from benchmarks.faults.observation import MOVING, PATIENCE, Observation
+from hybrid_sysid_ros.extensions.native.build import native_loop
 from hybrid_sysid_ros.nodes import middleware, topics
 from hybrid_sysid_ros.nodes.messages import set_nanoseconds
 from hybrid_sysid_ros.nodes.process import SWITCH_INTERVAL
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import TRAINED, shipped
+from hybrid_sysid_ros.runtime.configuration import TRAINED, settings, shipped
 from hybrid_sysid_ros.runtime.processes import permitted_priority, priority_of
 from hybrid_sysid_ros.runtime.session import Session
 from hybrid_sysid_ros.support.errors import UserError
@@ -49,8 +50,8 @@ LASTING = 2.0
 """Of a fault that goes on [s]."""
 
 
-ORDINARY = "FAULTS_ORDINARY"
-"""Environment variable that asks for processes without real-time priority."""
+ORDINARY, NATIVE = "FAULTS_ORDINARY", "FAULTS_NATIVE"
+"""Environment variables that ask for processes without real-time priority, and for the native loop."""
 COMPILING = 300.0
 """For the first start of the nodes, which may have to compile [s]."""
 CLOCK_PERIOD = 0.005
@@ -101,6 +102,9 @@ class Stage(Observation):
     def __init__(self, rig: Rig, *, domain: int, clocked: bool = False, actuated: bool = False) -> None:
         """clocked: its time is that of /clock. actuated: commands pass a relay, for faults of actuators."""
         super().__init__(rig)
+        self.native, self.nodes = bool(os.environ.get(NATIVE)), NODES
+        if self.native:
+            self.nodes = tuple("native" if name == "estimator" else name for name in NODES if name != "controller")
         self.domain, self.priority = domain, 0 if os.environ.get(ORDINARY) else permitted_priority()
         self.joint = next(iter(rig.joints.joints))
         self.clocked, self.actuated = clocked, actuated
@@ -141,9 +145,9 @@ class Stage(Observation):
         self.thread = Thread(target=self._spin, daemon=True)
         self.thread.start()
         try:
-            for name in NODES:
+            for name in self.nodes:
                 self.start(name)
-            self.session.wait_for("ready", NODES, COMPILING)
+            self.session.wait_for("ready", self.nodes, COMPILING)
             self.wait_until_back(time.monotonic())
             self.learn()
         except BaseException:
@@ -182,6 +186,9 @@ class Stage(Observation):
 
     def start(self, name: str, *, rig: Path | None = None, use_sim_time: bool = False, **more: Any) -> None:
         """Start a node's process; rig: another one of the same name."""
+        if name == "native":
+            self.start_native()
+            return
         self._bags += name == "recorder"
         values: dict[str, dict[str, Any]] = {
             "reference": dict(MOVING[self.rig.name]),
@@ -206,6 +213,14 @@ class Stage(Observation):
         if self.clocked or use_sim_time:
             command += ["-p", "use_sim_time:=true"]
         self.session.start(name, command)
+
+    def start_native(self) -> None:
+        """Start estimator and controller as one process in C."""
+        given: dict[str, dict[str, Any]] = {"estimator": {}, "controller": {"policy": "supervised"}}
+        every = {node: settings(self.rig, node, own)[0] or {} for node, own in given.items()}
+        own = {node: {"priority": priority_of(node, self.priority)} for node in given}
+        arguments = self.session.arguments(own)
+        self.session.start("native", [str(native_loop(self.rig, every, tell=self.lines.append)), *arguments])
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> None:
         """Send a node's process a signal."""
