@@ -29,8 +29,9 @@ async function begin() {
   outputs.forEach((output, k) => {
     if (!output.tracked) return;
     const ends = [output.low / output.scale, output.high / output.scale].sort((a, b) => a - b);
+    const step = (ends[1] - ends[0]) / 200; // from 0 on, which a slider's steps from its end may miss
     const slider = labelled(element("references"), "range", {
-      min: ends[0], max: ends[1], step: (ends[1] - ends[0]) / 200, value: 0, id: `reference-${output.name}`,
+      min: Math.ceil(ends[0] / step) * step, max: Math.floor(ends[1] / step) * step, step, value: 0, id: `reference-${output.name}`,
     }, words(output.name));
     const show = () => {
       reference[k] = slider.valueAsNumber * output.scale;
