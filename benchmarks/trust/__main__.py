@@ -49,6 +49,8 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("samples in 90 % bands", part["held_90"], f"{low:g} to {high:g}", low <= part["held_90"] <= high))
         made.append(("of the worst record", part["least"], f">= {bands.LEAST:g}", part["least"] >= bands.LEAST))
         made.append(("width of the narrowest", part["width"], f"<= {bands.WIDEST:g}", part["width"] <= bands.WIDEST))
+        held = part["ahead_90"]
+        made.append(("predictions ahead in 90 % bands", held, f"{low:g} to {high:g}", low <= held <= high))
         limit = bands.SLOWEST
         made.append(("time of bands [free runs]", part["free_runs"], f"<= {limit:g}", part["free_runs"] <= limit))
     elif "bands" in found:

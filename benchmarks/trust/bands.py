@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from hybrid_sysid_ros.extensions.horizon_bands.horizon_bands import horizon_bands
 from hybrid_sysid_ros.identification import free_run, identify
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.bands import bands_of
-from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.rigs.rig import load
 from studies.beam_lecture import lecture
 
@@ -53,6 +55,7 @@ def measured() -> dict[str, Any]:
                 "half_width": float(wide.half[experiment.scored].mean()),
                 "narrowest": float(np.quantile(np.abs(errors), 0.9)),
                 "mean_error": float(errors.mean()),
+                **_ahead(model, experiment),
             }
             begun = time.perf_counter()
             for _ in range(REPEATED):
@@ -69,4 +72,20 @@ def measured() -> dict[str, Any]:
         "least": min(row["held_90"] for row in rows),
         "width": float(np.mean([row["half_width"] for row in rows]) / np.mean([row["narrowest"] for row in rows])),
         "free_runs": float(np.median(ratios)),
+        "ahead_90": float(np.mean([row["ahead_90"] for row in rows])),
+        "ahead_50": float(np.mean([row["ahead_50"] for row in rows])),
+        "ahead_least": min(row["ahead_90"] for row in rows),
+        "ahead_width": float(np.mean([row["ahead_width"] for row in rows])),
+    }
+
+
+def _ahead(model: Model, experiment: PreparedRecord) -> dict[str, float]:
+    """Shares of the predictions over all horizons that bands hold, and the mean width in that of the narrowest."""
+    found = horizon_bands(model, experiment)
+    assert found is not None
+    narrowest = np.quantile(np.abs(found.errors), 0.9, axis=0)
+    return {
+        "ahead_50": float(found.held[0.5].mean()),
+        "ahead_90": float(found.held[0.9].mean()),
+        "ahead_width": float(np.mean(found.halves[0.9] / narrowest)),
     }

@@ -1,0 +1,1 @@
+"""Bands of predictions some samples ahead."""

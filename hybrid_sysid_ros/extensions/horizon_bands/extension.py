@@ -1,0 +1,13 @@
+"""What this extension adds."""
+
+from hybrid_sysid_ros.support.extensions import Extension
+
+HERE = "hybrid_sysid_ros.extensions.horizon_bands"
+EXTENSION = Extension(
+    name="horizon_bands",
+    summary="Bands of predictions some samples ahead.",
+    provides={
+        "training_notes": {"horizon_bands": f"{HERE}.horizon_bands:noted"},
+        "inspections": {"horizon_bands": f"{HERE}.inspection:inspection"},
+    },
+)

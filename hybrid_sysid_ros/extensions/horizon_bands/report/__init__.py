@@ -1,0 +1,1 @@
+"""Figures of bands over the horizon."""

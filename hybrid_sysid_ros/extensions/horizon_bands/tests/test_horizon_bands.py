@@ -1,0 +1,75 @@
+"""Bands of predictions some samples ahead."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import hybrid_sysid_ros as hs
+from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.extensions.horizon_bands.horizon_bands import NOTE, horizon_bands, noted
+from hybrid_sysid_ros.identification import Part, identify, prepare
+from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.validation.left_out import LeftOut
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from tests.linear_bench import bench, held_levels, record_of
+from tests.test_bands import Integrator
+
+ROOT = Path(__file__).parents[4]
+SAMPLING = Sampling(step=0.01, period=0.05, initial="first")
+
+
+def level(gain: float = 2.0):
+    u = held_levels(0, 2001, hold=2001)
+    return record_of(u, np.concatenate([[0.0], np.cumsum(gain * 0.01 * u[:-1, 0])])[:, None], 0.01)
+
+
+def test_the_width_is_the_error_that_a_left_out_gain_makes() -> None:
+    """Under a constant input a gain that is off by d errs by d |u| t after t, in each prediction alike."""
+    record = level()
+    experiment, off = prepare(record, Integrator(), SAMPLING), Integrator().with_values([2.1])
+    block = LeftOut(record=0, samples=slice(0, experiment.samples), system=off)
+    found = noted(Integrator(), [experiment], [block])
+    assert found is not None
+    expected = 0.1 * abs(record.input[0, 0]) * 0.05 * np.array(found["ahead"])
+    for widths in found["widths"].values():
+        wide = np.array(widths)[:, 0]
+        np.testing.assert_allclose(wide / wide[-1], expected / expected[-1], rtol=1e-6)
+        assert np.all(wide >= expected * (1.0 - 1e-9))
+    assert noted(Integrator(), [experiment], []) is None
+
+
+def test_unseen_predictions_lie_within_their_bands_and_farther_ones_have_wider_bands() -> None:
+    rig = load_rig("cam_beam")
+    clean = bench(samples=12001)
+    noise = 0.01 * clean.output.std() * np.random.default_rng(0).normal(size=clean.output.shape)
+    record = replace(clean, output=clean.output + noise)
+    model = identify([record], rig, "linear", sampling=Sampling(), part=Part(stop=0.6), refine=True)
+    experiment = experiment_of(model, record, part=Part(start=0.6))
+    found = horizon_bands(model, experiment)
+    assert found is not None
+    assert 0.8 < found.held[0.9].mean() <= 1.0
+    assert 0.3 < found.held[0.5].mean() < 0.8
+    farther = replace(experiment, **{key: 3.0 * getattr(experiment, key) for key in ("inputs", "outputs", "states")})
+    wider = horizon_bands(model, farther)
+    assert wider is not None
+    assert np.all(wider.halves[0.9] > 1.5 * found.halves[0.9])
+    assert horizon_bands(replace(model, fit={**model.fit, NOTE: None}), experiment) is None
+
+
+def test_evaluate_says_what_bands_hold_ahead(call, tmp_path: Path) -> None:
+    model, bag = ROOT / "trained/wheel_motor/model", ROOT / "bags/wheel_motor_swept_sine"
+    report = tmp_path / "report.html"
+    status, out, _ = call(app.main, "hybrid-sysid", "evaluate", model, bag, "--ahead", "--json", "--report", report)
+    own = json.loads(out)["records"]["wheel_motor_swept_sine"]["horizon_bands"]
+    assert status == 0
+    assert 0.7 < np.mean(own["speed"]["0.9"]["held"]) <= 1.0
+    assert "Predictions from measured states" in report.read_text(encoding="utf-8")
+    older = hs.load_model(model)
+    replace(older, notes={}).save(tmp_path / "old")
+    status, _, error = call(app.main, "hybrid-sysid", "evaluate", tmp_path / "old", bag, "--ahead")
+    assert (status, "has no bands over the horizon" in error) == (2, True)
