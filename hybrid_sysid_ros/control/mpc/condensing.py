@@ -5,17 +5,14 @@ Bock & Plitt (1984), IFAC World Congress.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from hybrid_sysid_ros.control.mpc.curvature import factor
+from hybrid_sysid_ros.control.mpc.forms import add_forms, complete
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
-from hybrid_sysid_ros.control.stage_cost import StageWeights, stage_cost
+from hybrid_sysid_ros.control.stage_cost import stage_cost
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
-from hybrid_sysid_ros.support.arrays import Array
 
 LEAST_CURVATURE = 1e-9
 """Share of the Hessian's largest entry, added to its diagonal in case inputs have no weight."""
@@ -25,74 +22,50 @@ NO_BOUND = 1e30
 
 @inner
 def condense(horizon: Horizon, program: Program) -> None:
-    """Compute states and outputs as functions of the inputs, the Gauss-Newton Hessian and the rows of bounds."""
-    count, n = horizon.linear.reached.shape
-    m, values, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
-    condensed, hessian = horizon.condensed, pointer(program.hessian)
-    response, sensitivity = pointer(condensed.input_response), pointer(condensed.output_sensitivity)
+    """Compute the states as functions of the inputs, the Gauss-Newton Hessian and the rows of bounds."""
+    (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
+    limits, weights, linear = horizon.limits, horizon.weights, horizon.linear
+    hessian = pointer(program.hessian)
     for c in range(v * v):
         hessian[c] = 0.0
-    limits, weights = horizon.limits, horizon.weights
     for i in range(count):
         _propagate(horizon, i)
-        at = limits.moves[i] * m
-        wide = at + m
-        for k in range(values):
-            row, weight = (i * values + k) * v, 2.0 * weights.outputs[i, k]
-            if not (weight != 0.0 or weights.prices[i, k] != 0.0 or _has_bound(weights, i, k)):
-                continue
-            for c in range(wide):
-                sensitivity[row + c] = 0.0
-            for a in range(n):
-                slope, first = horizon.linear.C[i, k, a], (i * n + a) * v
+        end = horizon.lagrangian.bend[i]
+        for r in range(n + m):
+            for c in range(n + m):
+                end[r, c] = 0.0
+        for k in range(linear.outputs.shape[1]):
+            for r in range(n + m if weights.outputs[i, k] != 0.0 else 0):
+                slope = 2.0 * weights.outputs[i, k] * (linear.C[i, k, r] if r < n else linear.D[i, k, r - n])
                 if slope != 0.0:
-                    for c in range(wide):
-                        sensitivity[row + c] += slope * response[first + c]
-            for j in range(m):
-                sensitivity[row + at + j] += horizon.linear.D[i, k, j]
-            if weight != 0.0:
-                for c in range(wide):
-                    slope, to = weight * sensitivity[row + c], c * v
-                    for d in range(c + 1):
-                        hessian[to + d] += slope * sensitivity[row + d]
+                    for c in range(n + m):
+                        end[r, c] += slope * (linear.C[i, k, c] if c < n else linear.D[i, k, c - n])
+    add_forms(horizon, program, False, True)
     _weigh_inputs(horizon, program)
-    for r in range(limits.bounded.shape[0]):
-        for i in range(count):
+    complete(program)
+    for i in range(count):
+        wide = (limits.moves[i] + 1) * m
+        for r in range(limits.bounded.shape[0]):
             row = limits.state_rows[r, i]
-            for c in range((limits.moves[i] + 1) * m if row >= 0 else 0):
-                program.rows[row, c] = condensed.input_response[i, limits.bounded[r], c]
-    for r in range(limits.values.shape[0]):
-        for i in range(count):
-            row = limits.value_rows[r, i]
-            for c in range((limits.moves[i] + 1) * m if row >= 0 else 0):
-                program.rows[row, c] = condensed.output_sensitivity[i, limits.values[r], c]
-
-
-@inner
-def _has_bound(weights: StageWeights, i: int, k: int) -> bool:
-    return weights.value_low[i, k] > -math.inf or weights.value_high[i, k] < math.inf
+            for c in range(wide if row >= 0 else 0):
+                program.rows[row, c] = linear.response[i, limits.bounded[r], c]
+        for r in range(limits.values.shape[0]):
+            row, k = limits.value_rows[r, i], limits.values[r]
+            for c in range(wide if row >= 0 else 0):
+                total = linear.D[i, k, c - wide + m] if c >= wide - m else 0.0
+                for a in range(n):
+                    total += linear.C[i, k, a] * linear.response[i, a, c]
+                program.rows[row, c] = total
 
 
 @inner
 def _propagate(horizon: Horizon, i: int) -> None:
-    """Compute state transition, input response and defect of an interval from those of the previous one."""
-    linear, condensed = horizon.linear, horizon.condensed
-    n, m, v = linear.A.shape[1], linear.B.shape[2], condensed.input_response.shape[2]
-    response, at = pointer(condensed.input_response), horizon.limits.moves[i] * m
+    """Compute the input response of an interval from that of the previous one."""
+    linear = horizon.linear
+    n, m, v = linear.A.shape[1], linear.B.shape[2], linear.response.shape[2]
+    response, at = pointer(linear.response), horizon.limits.moves[i] * m
     before = (horizon.limits.moves[i - 1] + 1) * m if i > 0 else 0
     for a in range(n):
-        total = linear.reached[i, a] - horizon.states[i + 1, a]
-        if i > 0:
-            for b in range(n):
-                total += linear.A[i, a, b] * condensed.defect[i - 1, b]
-        condensed.defect[i, a] = total
-        for c in range(n):
-            total = linear.A[i, a, c]
-            if i > 0:
-                total = 0.0
-                for b in range(n):
-                    total += linear.A[i, a, b] * condensed.state_transition[i - 1, b, c]
-            condensed.state_transition[i, a, c] = total
         to = (i * n + a) * v
         for b in range(n):
             slope, first = linear.A[i, a, b], ((i - 1) * n + b) * v
@@ -110,7 +83,7 @@ def _propagate(horizon: Horizon, i: int) -> None:
 
 @inner
 def _weigh_inputs(horizon: Horizon, program: Program) -> None:
-    """Add the weights of inputs and their changes, and the least curvature, to the upper half of the Hessian."""
+    """Add the weights of inputs and their changes, and the least curvature, to the lower half of the Hessian."""
     count, m = horizon.inputs.shape
     hessian, v, moves, weights = program.hessian, program.gradient.shape[0], horizon.limits.moves, horizon.weights
     largest = 0.0
@@ -125,8 +98,6 @@ def _weigh_inputs(horizon: Horizon, program: Program) -> None:
             largest = max(largest, hessian[c, c])
     for c in range(v):
         hessian[c, c] += LEAST_CURVATURE * largest
-        for d in range(c):
-            hessian[d, c] = hessian[c, d]
 
 
 @inner
@@ -154,44 +125,80 @@ def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off
     """
     count, n = horizon.linear.reached.shape
     m, p, v = horizon.inputs.shape[1], instance.preview.shape[1], program.gradient.shape[0]
-    values = horizon.linear.outputs.shape[1]
-    weights, inputs, gradient = horizon.weights, horizon.inputs, pointer(program.gradient)
-    sensitivity = pointer(horizon.condensed.output_sensitivity)
+    linear, limits, weights, inputs = horizon.linear, horizon.limits, horizon.weights, horizon.inputs
+    gradient, adjoint = pointer(program.gradient), horizon.lagrangian.adjoint
     for c in range(v):
         gradient[c] = 0.0
-    deviation = np.zeros(n)
-    for i in range(count):
-        before = instance.previous if i == 0 else inputs[i - 1]
-        if off_instance:
-            _predicted_deviation(horizon, instance, i, deviation)
-        for k in range(values):
-            error = horizon.linear.outputs[i, k]
+    for a in range(n):
+        adjoint[count, a] = 0.0
+    if off_instance:
+        for i in range(count):
+            for j in range(m):
+                horizon.step.inputs[i, j] = 0.0
+        _move_states(horizon, instance)
+    for i in range(count - 1, -1, -1):
+        before, at = instance.previous if i == 0 else inputs[i - 1], limits.moves[i] * m
+        after, deviation = adjoint[i + 1], horizon.step.states[i + 1]
+        for k in range(linear.outputs.shape[1]):
+            error = _expected(horizon, instance, i, k) if off_instance else linear.outputs[i, k]
             if k < p:
                 error -= instance.preview[i, k]
-            if off_instance:
-                for a in range(n):
-                    error += horizon.linear.C[i, k, a] * deviation[a]
-                for j in range(m if k < p else 0):  # terms have the inputs without their disturbance
-                    error += horizon.linear.D[i, k, j] * (instance.disturbance[j] - horizon.disturbance[j])
-            slope, row = 2.0 * weights.outputs[i, k] * error, (i * values + k) * v
+            slope = 2.0 * weights.outputs[i, k] * error
             if k >= p:
                 slope += weights.prices[i, k]
             if slope != 0.0:
-                for c in range((horizon.limits.moves[i] + 1) * m):
-                    gradient[c] += slope * sensitivity[row + c]
+                for a in range(n):
+                    after[a] += slope * linear.C[i, k, a]
+                for j in range(m):
+                    gradient[at + j] += slope * linear.D[i, k, j]
         for j in range(m):
-            _bound_input(horizon, program, i, j, inputs[i, j] - before[j])
-        for r in range(horizon.limits.bounded.shape[0]):
-            a = horizon.limits.bounded[r]
-            expected = horizon.states[i + 1, a] + deviation[a]
-            _bound_row(program, horizon.limits.state_rows[r, i], weights.low[i, a], weights.high[i, a], expected)
-        for r in range(horizon.limits.values.shape[0]):
-            k = horizon.limits.values[r]
-            expected = horizon.linear.outputs[i, k]
             for a in range(n):
-                expected += horizon.linear.C[i, k, a] * deviation[a]
+                gradient[at + j] += linear.B[i, a, j] * after[a]
+            _bound_input(horizon, program, i, j, inputs[i, j] - before[j])
+        for b in range(n):
+            total = 0.0
+            for a in range(n):
+                total += linear.A[i, a, b] * after[a]
+            adjoint[i, b] = total
+        for r in range(limits.bounded.shape[0]):
+            a = limits.bounded[r]
+            expected = horizon.states[i + 1, a] + (deviation[a] if off_instance else 0.0)
+            _bound_row(program, limits.state_rows[r, i], weights.low[i, a], weights.high[i, a], expected)
+        for r in range(limits.values.shape[0]):
+            k = limits.values[r]
+            expected = _expected(horizon, instance, i, k) if off_instance else linear.outputs[i, k]
             low, high = weights.value_low[i, k], weights.value_high[i, k]
-            _bound_row(program, horizon.limits.value_rows[r, i], low, high, expected)
+            _bound_row(program, limits.value_rows[r, i], low, high, expected)
+
+
+@inner
+def _expected(horizon: Horizon, instance: Instance, i: int, k: int) -> float:
+    """Value k of stage i where the states are moved by the step and the disturbance is the instance's."""
+    total = horizon.linear.outputs[i, k]
+    for a in range(horizon.states.shape[1]):
+        total += horizon.linear.C[i, k, a] * horizon.step.states[i + 1, a]
+    for j in range(instance.disturbance.shape[0] if k < instance.preview.shape[1] else 0):
+        # terms have the inputs without their disturbance
+        total += horizon.linear.D[i, k, j] * (instance.disturbance[j] - horizon.disturbance[j])
+    return total
+
+
+@inner
+def _move_states(horizon: Horizon, instance: Instance) -> None:
+    """Compute the step of the states to which the instance and the step of the inputs lead by the linear model."""
+    linear, step = horizon.linear, horizon.step
+    n, m = linear.B.shape[1:]
+    for a in range(n):
+        step.states[0, a] = instance.state[a] - horizon.states[0, a]
+    for i in range(horizon.inputs.shape[0]):
+        for a in range(n):
+            total = linear.reached[i, a] - horizon.states[i + 1, a]
+            for j in range(m):
+                shifted = instance.disturbance[j] - horizon.disturbance[j]
+                total += linear.B[i, a, j] * (step.inputs[i, j] + shifted)
+            for b in range(n):
+                total += linear.A[i, a, b] * step.states[i, b]
+            step.states[i + 1, a] = total
 
 
 @inner
@@ -245,19 +252,19 @@ def _bound_input(horizon: Horizon, program: Program, i: int, j: int, change: flo
 
 
 @inner
-def _predicted_deviation(horizon: Horizon, instance: Instance, i: int, deviation: Array) -> None:
-    """Write the deviation (n,) of the states at the end of an interval from the trajectory, for unchanged inputs."""
-    n, m = horizon.linear.B.shape[1:]
-    for a in range(n):
-        total = horizon.condensed.defect[i, a]
-        for b in range(n):
-            total += horizon.condensed.state_transition[i, a, b] * (instance.state[b] - horizon.states[0, b])
-        for j in range(m):
-            shifted = instance.disturbance[j] - horizon.disturbance[j]
-            if shifted != 0.0:
-                for k in range(horizon.limits.moves[i] + 1):
-                    total += horizon.condensed.input_response[i, a, k * m + j] * shifted
-        deviation[a] = total
+def factor(horizon: Horizon, program: Program, instance: Instance, i: int, k: int) -> float:
+    """The factor of value k of stage i in the Lagrangian, with the last multipliers."""
+    v, p = program.gradient.shape[0], instance.preview.shape[1]
+    error = horizon.linear.outputs[i, k]
+    if k < p:
+        error -= instance.preview[i, k]
+    total = 2.0 * horizon.weights.outputs[i, k] * error
+    if k >= p:
+        total += horizon.weights.prices[i, k]
+        for r in range(horizon.limits.values.shape[0]):
+            if horizon.limits.values[r] == k and horizon.limits.value_rows[r, i] >= 0:
+                total += program.multipliers[v + horizon.limits.value_rows[r, i]]
+    return total
 
 
 @inner
@@ -301,38 +308,24 @@ def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None
 def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
     """Compute the step of inputs and states from a solution of the program; return the predicted cost."""
     linear, step = horizon.linear, horizon.step
-    (count, n), m, values, p = (
-        linear.reached.shape,
-        horizon.inputs.shape[1],
-        linear.outputs.shape[1],
-        instance.preview.shape[1],
-    )
+    (count, n), m, values = linear.reached.shape, horizon.inputs.shape[1], linear.outputs.shape[1]
     y, u, before, x = np.empty(values), np.empty(m), np.empty(m), np.empty(n)
     cost = 0.0
-    for j in range(m):
-        before[j] = instance.previous[j]
-    for a in range(n):
-        step.states[0, a] = instance.state[a] - horizon.states[0, a]
     for i in range(count):
         for j in range(m):
             step.inputs[i, j] = program.solution[horizon.limits.moves[i] * m + j]
+    _move_states(horizon, instance)
+    for j in range(m):
+        before[j] = instance.previous[j]
+    for i in range(count):
+        for j in range(m):
             u[j] = horizon.inputs[i, j] + step.inputs[i, j]
         for a in range(n):
-            total = linear.reached[i, a] - horizon.states[i + 1, a]
-            for j in range(m):
-                shifted = instance.disturbance[j] - horizon.disturbance[j]
-                total += linear.B[i, a, j] * (step.inputs[i, j] + shifted)
-            for b in range(n):
-                total += linear.A[i, a, b] * step.states[i, b]
-            step.states[i + 1, a] = total
-            x[a] = horizon.states[i + 1, a] + total
+            x[a] = horizon.states[i + 1, a] + step.states[i + 1, a]
         for k in range(values):
-            y[k] = linear.outputs[i, k]
-            for a in range(n):
-                y[k] += linear.C[i, k, a] * step.states[i + 1, a]
+            y[k] = _expected(horizon, instance, i, k)
             for j in range(m):
-                shifted = instance.disturbance[j] if k < p else horizon.disturbance[j]
-                y[k] += linear.D[i, k, j] * (step.inputs[i, j] + shifted - horizon.disturbance[j])
+                y[k] += linear.D[i, k, j] * step.inputs[i, j]
         cost += stage_cost(horizon.weights, i, y, instance.preview[i], u, before, x)
         for j in range(m):
             before[j] = u[j]

@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control.mpc.condensing import factor
+from hybrid_sysid_ros.control.mpc.forms import add_forms, complete
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import end_of_interval, set_out, set_stage
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
@@ -62,22 +64,6 @@ def bend_values(prediction: PredictionModel, horizon: Horizon, program: Program,
             prediction.curvature, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
             prediction.h, 0.0, horizon.lagrangian.bend[i],
         )  # fmt: skip
-
-
-@inner
-def factor(horizon: Horizon, program: Program, instance: Instance, i: int, k: int) -> float:
-    """The factor of value k of stage i in the Lagrangian, with the last multipliers."""
-    v, p = program.gradient.shape[0], instance.preview.shape[1]
-    error = horizon.linear.outputs[i, k]
-    if k < p:
-        error -= instance.preview[i, k]
-    total = 2.0 * horizon.weights.outputs[i, k] * error
-    if k >= p:
-        total += horizon.weights.prices[i, k]
-        for r in range(horizon.limits.values.shape[0]):
-            if horizon.limits.values[r] == k and horizon.limits.value_rows[r, i] >= 0:
-                total += program.multipliers[v + horizon.limits.value_rows[r, i]]
-    return total
 
 
 LEAST_SHIFT = 1e-4
@@ -142,55 +128,15 @@ def update_curvature(horizon: Horizon) -> None:
 
 @inner
 def add_curvature(horizon: Horizon, program: Program, bending: bool) -> None:
-    """Add E' curvature_i E of all intervals to the Hessian, E (n + m, v) being the derivative of an interval's state
-    and inputs by all inputs, and make it positive definite. bending: also those of the values, at its end.
+    """Add the curvature of all intervals to the Hessian, and make it positive definite. bending: also that of the
+    values, at their ends.
     """
-    (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
     largest = 0.0
-    for c in range(v):
+    for c in range(program.gradient.shape[0]):
         largest = max(largest, program.hessian[c, c])
-    moved, bent = np.zeros((n + m, v)), np.zeros((n + m, v))
-    e = pointer(moved)
-    input_response = pointer(horizon.condensed.input_response)
-    wide = 0
-    for i in range(count):
-        before, at = wide, horizon.limits.moves[i] * m
-        wide = at + m
-        for a in range(n):
-            for c in range(before):
-                e[a * v + c] = input_response[((i - 1) * n + a) * v + c]
-            for c in range(before, wide):
-                e[a * v + c] = 0.0
-        for j in range(m):
-            for c in range(wide):
-                e[(n + j) * v + c] = 1.0 if c == at + j else 0.0
-        _add_block(program, horizon.lagrangian.curvature[i], moved, bent, wide)
-        if bending:
-            for a in range(n):
-                for c in range(wide):
-                    e[a * v + c] = input_response[(i * n + a) * v + c]
-            _add_block(program, horizon.lagrangian.bend[i], moved, bent, wide)
+    add_forms(horizon, program, True, bending)
+    complete(program)
     _make_positive(horizon, program, largest)
-
-
-@inner
-def _add_block(program: Program, block: Array, moved: Array, bent: Array, wide: int) -> None:
-    """Add E' block E to the Hessian, where E is in the first columns of ``moved``."""
-    v, rows = program.gradient.shape[0], block.shape[0]
-    hessian, e, t = pointer(program.hessian), pointer(moved), pointer(bent)
-    for a in range(rows):
-        for c in range(wide):
-            t[a * v + c] = 0.0
-        for b in range(rows):
-            slope = block[a, b]
-            for c in range(wide):
-                t[a * v + c] += slope * e[b * v + c]
-    for a in range(rows):
-        for c in range(wide):
-            slope, to = e[a * v + c], c * v
-            if slope != 0.0:
-                for d in range(wide):
-                    hessian[to + d] += slope * t[a * v + d]
 
 
 @inner

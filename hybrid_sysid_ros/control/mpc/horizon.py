@@ -139,22 +139,8 @@ class HorizonLinearisation(Shared):
     """Derivative of the values by the states at the end, (N, r, n)."""
     D: Array
     """Derivative of the values by the inputs of the interval, (N, r, m)."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CondensedHorizon(Shared):
-    """All intervals together: the states at the end of interval i deviate from the trajectory by
-    state_transition_i e + input_response_i v + defect_i for deviations e of the initial state and v of the inputs.
-    """
-
-    state_transition: Array
-    """(N, n, n)."""
-    input_response: Array
-    """(N, n, v)."""
-    defect: Array
-    """Effect of the trajectory's gaps, (N, n)."""
-    output_sensitivity: Array
-    """(N, r, v), derivative of the values by all inputs."""
+    response: Array
+    """Derivative of the states at the end of each interval by all inputs, (N, n, v)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,8 +162,8 @@ class Lagrangian(Shared):
     curvature: Array
     """Second derivatives of each interval's end by its state and inputs, weighted by its adjoint, (N, n + m, n + m)."""
     bend: Array
-    """Second derivatives of the values by the states at an interval's end and its inputs, weighted by their factors in
-    the Lagrangian, (N, n + m, n + m).
+    """Second derivatives by the states at an interval's end and its inputs, (N, n + m, n + m): Gauss-Newton's of the
+    cost, then those of the values, weighted by their factors in the Lagrangian.
     """
     jacobian: Array
     """[A, B] of each interval at the previous iterate, (N, n, n + m)."""
@@ -187,7 +173,7 @@ class Lagrangian(Shared):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Work(Shared):
-    """Scratch memory of the linearisation of one interval."""
+    """Scratch memory of the linearisation of one interval, and of condensing."""
 
     total: Array
     """(n, n + m), [A, B] up to a step of the interval."""
@@ -195,6 +181,8 @@ class Work(Shared):
     """(n, n + m), [A, B] one step later."""
     derivatives: Array
     """(n, n + m), of one step."""
+    form: Array
+    """(n + m, n + m), of all that follows on an interval's beginning."""
     slopes: Array
     """(r, n + arguments), of the values."""
     state: Array
@@ -230,7 +218,6 @@ class Horizon(Shared):
     weights: StageWeights
     limits: InputLimits
     linear: HorizonLinearisation
-    condensed: CondensedHorizon
     step: SolutionStep
     lagrangian: Lagrangian
     progress: NDArray[np.void]
@@ -301,11 +288,7 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
         ),
         linear=HorizonLinearisation(
             **_zeros(reached=(count, n), outputs=(count, r)),
-            **_zeros(A=(count, n, n), B=(count, n, m), C=(count, r, n), D=(count, r, m)),
-        ),
-        condensed=CondensedHorizon(
-            **_zeros(state_transition=(count, n, n), input_response=(count, n, v)),
-            **_zeros(defect=(count, n), output_sensitivity=(count, r, v)),
+            **_zeros(A=(count, n, n), B=(count, n, m), C=(count, r, n), D=(count, r, m), response=(count, n, v)),
         ),
         step=SolutionStep(**_zeros(**path)),
         lagrangian=Lagrangian(
@@ -314,7 +297,7 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
         ),
         progress=np.zeros(1, PROGRESS),
         work=Work(
-            **_zeros(total=(n, n + m), moved=(n, n + m), derivatives=(n, n + m)),
+            **_zeros(total=(n, n + m), moved=(n, n + m), derivatives=(n, n + m), form=(n + m, n + m)),
             **_zeros(slopes=(r, n + arguments), state=(n,), drive=(arguments + r,), following=(n,)),
         ),
     )

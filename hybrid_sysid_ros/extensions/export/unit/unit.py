@@ -103,7 +103,7 @@ def loop_of(rig: Rig, python: PythonLoop) -> PrintedLoop:
 
 def _clear(horizon: Horizon) -> None:
     """Zero what first calls have left in a horizon's memory, for what begins as zero takes no room in flash."""
-    parts = (horizon.last, horizon.linear, horizon.condensed, horizon.step, horizon.lagrangian, horizon.work)
+    parts = (horizon.last, horizon.linear, horizon.step, horizon.lagrangian, horizon.work)
     for part in (horizon, *parts):
         for item in fields(part):
             value = getattr(part, item.name)
