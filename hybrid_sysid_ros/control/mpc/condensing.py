@@ -25,21 +25,19 @@ def condense(horizon: Horizon, program: Program) -> None:
     """Compute the states as functions of the inputs, the Gauss-Newton Hessian and the rows of bounds."""
     (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
     limits, weights, linear = horizon.limits, horizon.weights, horizon.linear
-    hessian = pointer(program.hessian)
+    hessian, end, width = pointer(program.hessian), pointer(horizon.lagrangian.bend), n + m
     for c in range(v * v):
         hessian[c] = 0.0
+    for c in range(count * width * width):
+        end[c] = 0.0
     for i in range(count):
         _propagate(horizon, i)
-        end = horizon.lagrangian.bend[i]
-        for r in range(n + m):
-            for c in range(n + m):
-                end[r, c] = 0.0
         for k in range(linear.outputs.shape[1]):
-            for r in range(n + m if weights.outputs[i, k] != 0.0 else 0):
+            for r in range(width if weights.outputs[i, k] != 0.0 else 0):
                 slope = 2.0 * weights.outputs[i, k] * (linear.C[i, k, r] if r < n else linear.D[i, k, r - n])
-                if slope != 0.0:
-                    for c in range(n + m):
-                        end[r, c] += slope * (linear.C[i, k, c] if c < n else linear.D[i, k, c - n])
+                for c in range(width if slope != 0.0 else 0):
+                    at = (i * width + r) * width + c
+                    end[at] += slope * (linear.C[i, k, c] if c < n else linear.D[i, k, c - n])
     add_forms(horizon, program, False, True)
     _weigh_inputs(horizon, program)
     complete(program)

@@ -19,45 +19,52 @@ def add_forms(horizon: Horizon, program: Program, begins: bool, ends: bool) -> N
     linear, work = horizon.linear, horizon.work
     (count, n), m, v = linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
     hessian, response, moves = pointer(program.hessian), pointer(linear.response), horizon.limits.moves
-    form, slopes, ahead = work.form, work.total, work.moved
-    for r in range(n + m):
-        for c in range(n + m):
-            form[r, c] = 0.0
+    form, slopes, ahead = pointer(work.form), pointer(work.total), pointer(work.moved)
+    by_state, by_input = pointer(linear.A), pointer(linear.B)
+    begin, end = pointer(horizon.lagrangian.curvature), pointer(horizon.lagrangian.bend)
+    width = n + m
+    for c in range(width * width):
+        form[c] = 0.0
     for i in range(count - 1, -1, -1):
-        begin, end = horizon.lagrangian.curvature[i], horizon.lagrangian.bend[i]
+        own = i * width * width
         for a in range(n):
-            for c in range(n + m):
-                slopes[a, c] = linear.A[i, a, c] if c < n else linear.B[i, a, c - n]
+            for c in range(n):
+                slopes[a * width + c] = by_state[(i * n + a) * n + c]
+                if ends:
+                    form[a * width + c] += end[own + a * width + c]
+            for c in range(m):
+                slopes[a * width + n + c] = by_input[(i * n + a) * m + c]
         for a in range(n):
-            for c in range(n + m):
+            for c in range(width):
                 total = 0.0
                 for b in range(n):
-                    total += (form[a, b] + end[a, b] if ends else form[a, b]) * slopes[b, c]
-                ahead[a, c] = total
-        for r in range(n + m):
-            for c in range(n + m):
-                total = begin[r, c] if begins else 0.0
+                    total += form[a * width + b] * slopes[b * width + c]
+                ahead[a * width + c] = total
+        for r in range(width):
+            for c in range(width):
+                total = begin[own + r * width + c] if begins else 0.0
                 for a in range(n):
-                    total += slopes[a, r] * ahead[a, c]
-                if ends and r >= n:
-                    for a in range(n):
-                        total += end[r, a] * slopes[a, c]
-                        if c >= n:
-                            total += end[c, a] * slopes[a, r]
+                    total += slopes[a * width + r] * ahead[a * width + c]
+                form[r * width + c] = total
+        for r in range(n, width if ends else n):
+            for c in range(width):
+                total = end[own + r * width + c] if c >= n else 0.0
+                for a in range(n):
+                    total += end[own + r * width + a] * slopes[a * width + c]
                     if c >= n:
-                        total += end[r, c]
-                form[r, c] = total
+                        total += end[own + c * width + a] * slopes[a * width + r]
+                form[r * width + c] += total
         at, before = moves[i] * m, (moves[i - 1] + 1) * m if i > 0 else 0
         for j in range(m):
-            to = (at + j) * v
+            to, row = (at + j) * v, (n + j) * width
             for a in range(n):
-                slope, first = form[n + j, a], ((i - 1) * n + a) * v
+                slope, first = form[row + a], ((i - 1) * n + a) * v
                 for c in range(min(before, at + j + 1)):
                     hessian[to + c] += slope * response[first + c]
             for k in range(j + 1):
-                hessian[to + at + k] += form[n + j, n + k]
+                hessian[to + at + k] += form[row + n + k]
                 for a in range(n if before > at else 0):  # inputs that are held are in the state, too
-                    hessian[to + at + k] += form[n + k, a] * response[((i - 1) * n + a) * v + at + j]
+                    hessian[to + at + k] += form[(n + k) * width + a] * response[((i - 1) * n + a) * v + at + j]
 
 
 @inner
