@@ -19,6 +19,9 @@ NetworkLayers = Sequence[tuple[Array, Array]]
 WIDEST = 4096
 """Most features, and units of a layer: far more than a real-time network has, and they fit on a stack."""
 
+WIDE, HALF = 32, 16
+"""Units side by side, where a layer has whole multiples of them: some registers of this machine."""
+
 
 def widths_of(layers: NetworkLayers) -> tuple[int, ...]:
     """Numbers of features, of units of each layer, and of outputs. Raises UserError where layers don't fit."""
@@ -72,10 +75,10 @@ def forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: Any
     values, into = features, answers if depth % 2 else other
     for layer in range(depth):
         width, straight = _padded(sizes[shape + 2 + layer]), layer == depth - 1
-        if width % 32 == 0:
-            _layer(w, at, width, values, count, straight, into, 32)
-        elif width % 16 == 0:
-            _layer(w, at, width, values, count, straight, into, 16)
+        if width % WIDE == 0:
+            _layer(w, at, width, values, count, straight, into, WIDE)
+        elif width % HALF == 0:
+            _layer(w, at, width, values, count, straight, into, HALF)
         else:
             _layer(w, at, width, values, count, straight, into, 8)
         at += (count + 1) * width

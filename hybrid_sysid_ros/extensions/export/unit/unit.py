@@ -40,6 +40,8 @@ RECORDS += [(record_type(kind), name) for kind, name in RECORD_NAMES.items()]
 RECORDS += [(SOLUTION, "solution"), (PROGRESS, "progress"), (CALL, "call"), (SUPERVISION, "supervision")]
 OF_FLOATS = {"RISE": 1e-6, "DIFFERENCE": 3.5e-4, "VIOLATION": 1e-5, "INPUT_ROUNDING": 1e-6}
 """Constants of kernels that the rounding of doubles chose, for that of floats, 1e-7; the second is its root."""
+NARROW = {"WIDE": 8, "HALF": 8}
+"""Units of a network side by side: their sums fit into the registers of a small processor."""
 RESIDUAL = 1e-4
 """Residual at which an iteration in floats has converged: smaller ones are rounding, and it would never end."""
 
@@ -148,7 +150,7 @@ def affine_initial_states(system: System) -> tuple[Array, Array, Array]:
 def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single: bool) -> Printer:
     """The kernels of a loop in C. arrays: those of the estimator, by name. single: numbers are floats."""
     mutable: dict[str, set[str]] = {}
-    constants = _widest(loop) | (OF_FLOATS if single else {})
+    constants = _widest(loop) | NARROW | (OF_FLOATS if single else {})
     if single:
         mpc = replace(loop.mpc, tolerance=max(loop.mpc.tolerance, RESIDUAL))
         supervisor = None if loop.supervisor is None else replace(loop.supervisor, mpc=mpc)
