@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hybrid_sysid_ros.control.mpc.forms import add_forms, complete
+from hybrid_sysid_ros.control.mpc.forms import add_forms, mirror_hessian
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.stage_cost import stage_cost
@@ -40,7 +40,7 @@ def condense(horizon: Horizon, program: Program) -> None:
                     end[at] += slope * (linear.C[i, k, c] if c < n else linear.D[i, k, c - n])
     add_forms(horizon, program, False, True)
     _weigh_inputs(horizon, program)
-    complete(program)
+    mirror_hessian(program)
     for i in range(count):
         wide = (limits.moves[i] + 1) * m
         for r in range(limits.bounded.shape[0]):

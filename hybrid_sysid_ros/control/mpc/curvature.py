@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.condensing import factor
-from hybrid_sysid_ros.control.mpc.forms import add_forms, complete
+from hybrid_sysid_ros.control.mpc.forms import add_forms, mirror_hessian
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import end_of_interval, set_out, set_stage
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
@@ -135,7 +135,7 @@ def add_curvature(horizon: Horizon, program: Program, bending: bool) -> None:
     for c in range(program.gradient.shape[0]):
         largest = max(largest, program.hessian[c, c])
     add_forms(horizon, program, True, bending)
-    complete(program)
+    mirror_hessian(program)
     _make_positive(horizon, program, largest)
 
 

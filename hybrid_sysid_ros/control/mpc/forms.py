@@ -68,7 +68,7 @@ def add_forms(horizon: Horizon, program: Program, begins: bool, ends: bool) -> N
 
 
 @inner
-def complete(program: Program) -> None:
+def mirror_hessian(program: Program) -> None:
     """Copy the lower half of the Hessian to the upper."""
     hessian, v = pointer(program.hessian), program.gradient.shape[0]
     for c in range(v):
