@@ -26,9 +26,12 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
-ROUNDS, MOST_ROUNDS = 4, 8
-"""Of background, sprite and angles in turn: more of them while the pivot still moves,"""
-PIVOTED = 0.5  # pixels, so far
+ROUNDS, MOST_ROUNDS = 4, 24
+"""Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
+PIVOTED = 0.05  # pixels, so far; a picture shows a place to .1
+UNSETTLED = 0.3  # pixels: a pivot that is still farther on its way bends the angles
+ONWARD = 0.9  # cosine between two steps, above which they go one way, and are not noise
+LONGEST = 5.0  # times what the pictures show of a pivot's way, as layers that were learned about a wrong one hide most
 BROAD = 12
 """Waves around the pivot: what is as broad as half of one is no sprite that swings, but somebody who comes by."""
 PASSES = 6  # of sharpening in a round
@@ -87,7 +90,7 @@ def learn(
         layers = _outlined(film, lights, angles, still, geometry, reach)
     gains = np.tile(lights[:, None], (1, rows))
     good = np.ones(len(film), dtype=bool)
-    far = math.inf
+    way = _PivotWay()
     for turn in range(MOST_ROUNDS):
         progress(f"layers, round {turn + 1}")
         layers = _regressed(film[good], gains[good], angles[good], layers)
@@ -107,9 +110,14 @@ def learn(
                 f"{good.sum()} of {len(film)} pictures; is it a video of {rig.name}?"
             )
         gains[good] /= np.median(gains[good])
-        if turn == MOST_ROUNDS - 1 or (turn >= ROUNDS - 1 and far < PIVOTED):
+        if turn == MOST_ROUNDS - 1 or (turn >= ROUNDS - 1 and way.left < PIVOTED):
             break
-        layers, angles[good], far = _pivoted(film[good], gains[good], angles[good], layers, reader)
+        layers, angles[good] = _pivoted(film[good], gains[good], angles[good], layers, reader, way)
+    if way.left > UNSETTLED:
+        raise UserError(
+            f"the place about which the joint turns is not found: it still moves by {way.left:.2g} pixels: say where "
+            "it is (--pivot X,Y), or click it (--check)"
+        )
     share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
     if sized and not ITS_REACH[0] < share < ITS_REACH[1]:
         raise UserError(
@@ -229,12 +237,39 @@ def _regressed(film: Film, gains: Array, angles: Array, layers: PictureLayers) -
     return PictureLayers(geometry=layers.geometry, background=background, alpha=alpha, texture=texture)
 
 
+class _PivotWay:
+    """Way of the pivot from round to round. Layers that were learned about a wrong pivot agree with it in part, so that
+    pictures show only a share of the way; two rounds tell that share (a secant step, as Aitken's).
+    """
+
+    def __init__(self) -> None:
+        self.left = math.inf
+        """How far the sprite is still to be moved in the pictures, rms [pixels]."""
+        self._before, self._longer, self._last = np.zeros(4), 1.0, math.inf
+
+    def step(self, shown: Array, moves: Array) -> Array:
+        """The step to take (4,), by what the pictures show of it; moves: by how much a step moves the sprite in the
+        pictures along each axis (2 pictures, 4), as a swing that is small tells not all of it.
+        """
+        before, now = moves @ self._before, moves @ shown
+        along, both = float(now @ before), float(np.sqrt((now @ now) * (before @ before)))
+        if along > ONWARD * both > 0.0:
+            share = (1.0 - along / float(before @ before)) / self._longer
+            self._longer = max(min(1.0 / max(share, 1.0 / LONGEST), LONGEST), 1.0)
+        else:
+            self._longer = 1.0
+        self._before = shown
+        size = self._longer * float(np.sqrt(2.0 * np.mean(now**2)))
+        self.left, self._last = max(size, self._last), size  # one small step may be its turning
+        return self._longer * shown
+
+
 def _pivoted(
-    film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader
-) -> tuple[PictureLayers, Array, float]:
-    """The pivot moved to where the sprite turns about, the angles (pictures,) about that, and how far it was moved
-    [pixels]: with a pivot p + e and texels u + d the sprite lies e + R(angle) d beside its place, and least squares
-    over all pictures tells e, as far as the angles do.
+    film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader, way: _PivotWay
+) -> tuple[PictureLayers, Array]:
+    """The pivot moved to where the sprite turns about, and the angles (pictures,) about that: with a pivot p + e and
+    texels u + d the sprite lies e + R(angle) d beside its place, and least squares over all pictures tells e, as far as
+    the angles do.
     """
     free = [reader.read_freely(*each) for each in zip(film, angles, gains, strict=True)]
     known = np.array([math.isfinite(item.angle) for item in free])
@@ -246,11 +281,15 @@ def _pivoted(
     down = np.column_stack([zero, one, sin, cos])
     prior = np.zeros((2, 4))
     prior[0, 0] = prior[1, 1] = SEEN_MOVE / (FARTHEST_PIVOT * film.shape[2])
-    solved = np.linalg.lstsq(np.vstack([along, down, prior]), np.concatenate([*moves.T, [0.0, 0.0]]), rcond=None)[0]
+    regressors = np.vstack([along, down])
+    solved = np.linalg.lstsq(np.vstack([regressors, prior]), np.concatenate([*moves.T, [0.0, 0.0]]), rcond=None)[0]
+    step = way.step(solved, regressors)
     places = (*layers.pivot, *layers.first)
-    x, y, u, v = (place + float(move) for place, move in zip(places, solved, strict=True))
-    geometry = replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v)
-    return replace(layers, geometry=geometry), angles, float(np.hypot(*solved[:2]))
+    x, y, u, v = (place + float(move) for place, move in zip(places, step, strict=True))
+    layers = replace(layers, geometry=replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v))
+    nearer = AngleReader(layers)
+    read = [nearer.read_near(*each).angle for each in zip(film, angles, gains, strict=True)]
+    return layers, np.where(np.isfinite(read), read, angles)
 
 
 def _zero(layers: PictureLayers, rig: Rig) -> float:

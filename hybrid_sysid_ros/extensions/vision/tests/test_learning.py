@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
-from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.extensions.vision.scene import scene_of, with_pivot
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -66,6 +66,21 @@ def test_somebody_who_comes_by_leaves_no_trace() -> None:
     beside = np.abs(v) > 0.0151 / 2 * CAMERA.width + 3.0  # pixels from its edge, for the blur
     assert beside.any()
     assert layers.alpha[beside].max() < 0.05
+
+
+def test_a_pivot_that_is_off_bends_no_angles() -> None:
+    """A joint that rests at either end of its way, as layers of a wrong pivot agree with it best there."""
+    rig = load("flexible_joint")
+    scene = scene_of(rig)
+    x, y = scene.pivot
+    imager = Imager(scene, CAMERA, seed=0)
+    truth = np.concatenate([np.full(20, -1.2), np.linspace(-1.2, 0.3, 10), np.full(20, 0.3)])
+    ends = np.array([0.0, 1.0])
+    film = np.stack([imager.take(0.5, ends, np.full(2, angle)) for angle in truth])
+    layers, angles = learn(film, with_pivot(rig, (x + 0.008, y - 0.007)), readout=CAMERA.readout)
+    assert layers.pivot == pytest.approx((x * 320 - 0.5, y * 320 - 0.5), abs=0.15)  # 3 pixels beside at first
+    errors = np.degrees((angles - truth + np.pi) % (2.0 * np.pi) - np.pi)
+    assert np.ptp([errors[:20].mean(), errors[-20:].mean()]) < 0.06  # .1 pixel of its end
 
 
 def test_a_film_in_which_nothing_moves_is_refused() -> None:
