@@ -20,6 +20,10 @@ from hybrid_sysid_ros.support.errors import UserError
 NEWTON_STEPS = 50
 ROUNDING_ERROR = 1e-9
 """Largest difference of a state from itself an interval later that is called rest, relative."""
+MARGIN = 1e-6
+"""Least distance of a closed loop's eigenvalues from the circle of 1: by rounding, a solver of Riccati's equation may
+call a motion damped that nothing damps.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -168,13 +172,15 @@ def _gains(rest: Rest, problem: ControlProblem) -> tuple[Array, Array, Array]:
     price = np.diag(stage.rates[0]) + inputs
     try:
         value = solve_discrete_are(through, change, weights, price, s=crossed)
+        curvature = price + change.T @ value @ change
+        feedback = np.linalg.solve(curvature, change.T @ value @ through + crossed.T)
+        if np.max(np.abs(np.linalg.eigvals(through - change @ feedback))) > 1.0 - MARGIN:
+            raise LinAlgError("what it leaves is not damped")
     except (LinAlgError, ValueError) as error:
         raise UserError(
             f"regulator: no linear feedback stabilises the model under these weights ({error}); where fewer outputs "
             "are tracked than there are inputs, the inputs need weights"
         ) from error
-    curvature = price + change.T @ value @ change
-    feedback = np.linalg.solve(curvature, change.T @ value @ through + crossed.T)
     closed, ahead = through - change @ feedback, change
     feedforward = np.zeros((problem.horizon, m, len(reading)))
     for i in range(problem.horizon):
