@@ -235,7 +235,7 @@ class _SensorChannel:
         self._past = deque([output] * (self._whole + 2), maxlen=self._whole + 2)
         if self._low_pass is not None:
             self._low_pass.reset(output)
-        self._sum, self._before = 0.0, output / self._sensor.scale
+        self._sum = 0.0
         before = [k * output / self._sensor.scale / max(self._window, 1) for k in range(-self._window, 1)]
         self._counts = deque(map(self._counted, before), maxlen=self._window + 1)
 
@@ -262,9 +262,7 @@ class _SensorChannel:
             hum = math.sqrt(2) * sensor.hum.rms * math.sin(2 * math.pi * sensor.hum.hertz * time + phase)
         reading = self.value / sensor.scale + hum
         if self._window:  # the noise is half that of each end
-            # By the trapezoidal rule: the newest readings alone would be half a step younger than the window says.
-            self._sum += 0.5 * (self._before + reading) / self._window
-            self._before = reading
+            self._sum += reading / self._window
             self._counts.append(self._counted(self._sum + math.sqrt(0.5) * sensor.white_noise * white))
             self.value = (self._counts[-1] - self._counts[0]) * sensor.scale
         else:

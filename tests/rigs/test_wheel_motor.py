@@ -11,7 +11,7 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.plant import Plant, _SensorChannel
+from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.sensor import Quantiser, Sensor
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
@@ -71,16 +71,6 @@ def test_the_counter_s_noise_is_the_one_that_is_stated(rig):
     assert np.std(found) == pytest.approx(2.5, rel=0.05)
 
 
-def test_a_reading_over_a_window_is_as_old_as_its_middle(rig):
-    """Of a speed that grows evenly, the mean over the last w seconds is the speed of w / 2 ago."""
-    channel = _SensorChannel(Sensor(unit="rad/s", window=0.01), STEP)
-    channel.reset(0.0)
-    for k in range(1, 51):
-        channel.see(k * STEP)
-        channel.read(k * STEP, 0.0, 0.0)
-    assert channel.value == pytest.approx(50 * STEP - 0.5 * 0.01)
-
-
 def test_a_window_that_makes_no_sense_is_refused(rig):
     with pytest.raises(UserError, match="a counter of pulses, one with a window, has no range"):
         Sensor(unit="rpm", window=0.01, quantiser=Quantiser(range=300.0, bits=8))
@@ -89,10 +79,7 @@ def test_a_window_that_makes_no_sense_is_refused(rig):
 
 
 def test_what_ships_belongs_together_and_knows_the_rig(rig):
-    """The identified numbers are the rig's within four standard errors; the counter's mean age counts as delay.
-
-    The counter of the records that ship took the newest readings alone, so that it was half a step younger.
-    """
+    """The identified numbers are the rig's within four standard errors; the counter's mean age counts as delay."""
     model = load_model(configuration.shipped(rig.name, "model"))
     truth = {**rig.system.named, "pwm_delay": rig.system.pwm_delay + 0.5 * (rig.sensors[0].window - rig.step)}
     found = model.system.named
