@@ -102,7 +102,8 @@ class Stage(Observation):
     def __init__(self, rig: Rig, *, domain: int, clocked: bool = False, actuated: bool = False) -> None:
         """clocked: its time is that of /clock. actuated: commands pass a relay, for faults of actuators."""
         super().__init__(rig)
-        self.native, self.nodes = bool(os.environ.get(NATIVE)), NODES
+        self.native = bool(os.environ.get(NATIVE))
+        self.nodes: tuple[str, ...] = NODES
         if self.native:
             self.nodes = tuple("native" if name == "estimator" else name for name in NODES if name != "controller")
         self.domain, self.priority = domain, 0 if os.environ.get(ORDINARY) else permitted_priority()
