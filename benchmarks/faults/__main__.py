@@ -176,9 +176,8 @@ def main() -> int:
     try:
         for rig, kinds in known.items():
             for kind, faults in kinds.items():
-                if native and kind not in (SENSORS, ACTUATORS) and not asked:
-                    continue
-                wanted = {name: each for name, each in faults.items() if not asked or rig in asked or name in asked}
+                meant = (not asked or rig in asked) and (not native or kind in (SENSORS, ACTUATORS))
+                wanted = {name: each for name, each in faults.items() if meant or name in asked}
                 play(load(rig), kind, wanted, progress)
         whole = not asked
     except KeyboardInterrupt:

@@ -224,7 +224,9 @@ class Stage(Observation):
         self.session.start("native", [str(native_loop(self.rig, every, tell=self.lines.append)), *arguments])
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> None:
-        """Send a node's process a signal."""
+        """Send a node's process a signal. Raises UserError where it has none of its own."""
+        if name not in self.session.children:
+            raise UserError(f"the native loop has no process {name}: this fault is one of the Python nodes")
         self.session.children[name].process.send_signal(number)
 
     def end(self, name: str) -> None:
