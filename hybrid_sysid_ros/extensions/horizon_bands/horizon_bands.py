@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
-from hybrid_sysid_ros.identification.validation.bands import LEVELS, widening_of
+from hybrid_sysid_ros.identification.validation.bands import LEVELS, excursion_of, widening_of
 from hybrid_sysid_ros.identification.validation.horizons import LONGEST, default_horizons
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut
 from hybrid_sysid_ros.identification.validation.scores import free_run_states
@@ -78,7 +78,7 @@ def noted(system: System, experiments: Sequence[PreparedRecord], blocks: Sequenc
         for h, k in np.ndindex(wide.shape):
             wide[h, k] *= widening_of([part[:, h, k] for part in errors], 0.0) if np.isfinite(wide[h, k]) else 1.0
         widths[f"{level:g}"] = wide.tolist()
-    excursions = [_excursion(item.outputs, centre) for item in experiments]
+    excursions = [excursion_of(item.outputs, centre) for item in experiments]
     return {
         "ahead": ahead.tolist(),
         "widths": widths,
@@ -99,7 +99,7 @@ def horizon_bands(model: Model, experiment: PreparedRecord) -> HorizonBands | No
     if not len(ahead):
         raise UserError(f"{experiment.name}: {experiment.samples} samples are too few for predictions")
     simulated, measured = _predictions(model.system, experiment, ahead, 0, experiment.samples)
-    moves = _excursion(simulated.reshape(-1, simulated.shape[2]), np.array(known["centre"]))
+    moves = excursion_of(simulated.reshape(-1, simulated.shape[2]), np.array(known["centre"]))
     growth = np.maximum(moves / np.array(known["excursion"]), 1.0)
     halves = {float(level): growth * np.array(wide)[: len(ahead)] for level, wide in known["widths"].items()}
     seconds = np.asarray(model.sampling.period * ahead, dtype=float)
@@ -124,8 +124,3 @@ def _predictions(
     _, outputs = rollouts(system, starts, given, experiment.inputs, step=sampling.step, every=sampling.every)
     simulated = outputs.reshape(len(begins), longest + 1, -1)[:, ahead]
     return np.asarray(simulated), np.asarray(experiment.outputs[begins[:, None] + ahead])
-
-
-def _excursion(values: Array, centre: Array) -> Array:
-    """Root mean square about a centre (outputs,) of values (samples, outputs)."""
-    return np.asarray(np.sqrt(np.mean((values - centre) ** 2, axis=0)))

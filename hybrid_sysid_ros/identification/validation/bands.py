@@ -105,7 +105,7 @@ def band_calibration(
         floor = max(float(np.sqrt(np.mean(own**2))), 1e-300)
         outputs = [record.outputs[record.scored, column] for record in experiments]
         centre = float(np.mean(np.concatenate(outputs)))
-        excursion = float(max(_excursion(part, centre) for part in outputs))
+        excursion = float(max(excursion_of(part, centre) for part in outputs))
         ratios = np.abs(own) / np.sqrt(floor**2 + drawn[:, column])
         wider = widening_of([part[:, column] for part in signed], used)
         shares.append(OFFSET * floor / max(float(np.sqrt(np.mean(moved[:, column]))), 1e-300))
@@ -134,13 +134,13 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     drawn = _drawn(system, experiment, known, first, run)
     own = [calibration["outputs"][item.name] for item in system.outputs]
     floor, centre, excursion = (np.array([float(item[key]) for item in own]) for key in FLOOR)
-    growth = np.maximum(_excursion(run, centre) / excursion, 1.0)
+    growth = np.maximum(excursion_of(run, centre) / excursion, 1.0)
     deviation = np.sqrt((growth * floor) ** 2 + drawn)
     widths = [np.array([float(item["widths"][f"{level:g}"]) for item in own]) for level in LEVELS]
     return [Band(level=level, run=run, half=deviation * width) for level, width in zip(LEVELS, widths, strict=True)]
 
 
-def _excursion(values: Array, centre: Array | float) -> Any:
+def excursion_of(values: Array, centre: Array | float) -> Any:
     """Root mean square about a centre (outputs,) of values (samples, outputs), which may be columns alone."""
     return np.sqrt(np.mean((values - centre) ** 2, axis=0))
 
