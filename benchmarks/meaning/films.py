@@ -1,14 +1,14 @@
-"""Films: 42 of the second renderer, read as ``hybrid-sysid video`` does; what was measured of one is kept.
+"""Films: 42 of the second renderer, read as ``hybrid-sysid video`` does.
 
-Kept are the answers in out/meaning_films, so that a run that was cut goes on; delete the folder to begin anew.
+A run lasts a quarter of an hour; the next one goes on from the answers in out/meaning_films.json, unless the code that
+films or reads has changed since. Films that are not read yet count as read wrongly.
 """
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 from benchmarks.meaning.film_cases import SOUND, SPOILT
 from benchmarks.meaning.rows import Row
 from benchmarks.meaning.second_renderer import FilmCase, SecondRenderer, write
+from benchmarks.resumed import digest, resumed
 from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
@@ -29,7 +30,10 @@ from hybrid_sysid_ros.extensions.vision.scene import scene_of, with_pivot
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.errors import UserError
 
-KEPT = Path("out/meaning_films")
+PART = Path("out/meaning_films.json")
+READING = tuple(f"hybrid_sysid_ros/extensions/vision/{place}" for place in ("reading", "camera", "scene.py"))
+CODE = (*READING, *(f"benchmarks/meaning/{name}.py" for name in ("films", "film_cases", "second_renderer")))
+"""What sets the answers."""
 CLICK = 0.006
 """Widths that a clicked pivot is off."""
 RIGHTLY, WORST, LEVEL, INSIDE, SHAKE = 0.95, 0.03, 1.645, (0.85, 0.95), "one pixel of shake"
@@ -75,21 +79,6 @@ def answer(case: FilmCase) -> dict[str, Any]:
     }
 
 
-def kept(case: FilmCase) -> dict[str, Any]:
-    """The answer, as it was kept for the same case, or as it is now."""
-    path = KEPT / f"{re.sub('[^a-zA-Z0-9]+', '_', case.name)}.json"
-    told = json.loads(json.dumps(asdict(case)))
-    if path.exists():
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if found["case"] == told:
-            return dict(found["answer"])
-    found = {"case": told, "answer": answer(case)}
-    KEPT.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(found, indent=1), encoding="utf-8")
-    print(f"  {case.name}: {found['answer']}", flush=True)
-    return dict(found["answer"])
-
-
 def rightly(case: FilmCase, found: Mapping[str, Any]) -> bool:
     """Whether a film was refused for its reason, or read well."""
     if case.wrong:
@@ -98,16 +87,18 @@ def rightly(case: FilmCase, found: Mapping[str, Any]) -> bool:
 
 
 def measured() -> tuple[Mapping[str, Any], list[Row]]:
-    """All films."""
-    cases = (*SOUND, *SPOILT)
-    found = {case.name: kept(case) for case in cases}
+    """All films, as far as they are read."""
+    cases, code = (*SOUND, *SPOILT), digest(*CODE)
+    found = resumed(PART, (("films", case.name, partial(answer, case)) for case in cases), code)["films"]
     accepted = {name: item for name, item in found.items() if "rms" in item}
     inside = [item["inside"] for item in accepted.values()]
     shaken = [item.get("rms", 0.0) for name, item in found.items() if name.startswith(SHAKE)]
+    wrongly = [case.name for case in cases if not rightly(case, found.get(case.name, {}))]
     rows = [
+        Row(name=f"films not read yet, of {len(cases)}", asked=0, measured=len(cases) - len(found), at_most=True),
         Row(
             name=f"films read or refused rightly, share of {len(cases)}", asked=RIGHTLY,
-            measured=float(np.mean([rightly(case, found[case.name]) for case in cases])),
+            measured=1.0 - len(wrongly) / len(cases),
         ),
         Row(
             name="largest error of an accepted film [degrees rms]", asked=WORST, at_most=True,
@@ -115,13 +106,12 @@ def measured() -> tuple[Mapping[str, Any], list[Row]]:
         ),
         Row(name="pictures inside their 90 % intervals, mean of the films", asked=INSIDE[0], measured=_mean(inside)),
         Row(name="the same, at most", asked=INSIDE[1], measured=_mean(inside), at_most=True),
-        Row(name="error under a pixel of shake [degrees rms]", asked=WORST, measured=max(shaken), at_most=True),
+        Row(
+            name="error under a pixel of shake [degrees rms]", asked=WORST, at_most=True,
+            measured=max(shaken, default=np.nan),
+        ),
     ]  # fmt: skip
-    return {"films": found, "wrongly": list(_wrongly(cases, found))}, rows
-
-
-def _wrongly(cases: tuple[FilmCase, ...], found: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    return (case.name for case in cases if not rightly(case, found[case.name]))
+    return {"code": code, "films": found, "wrongly": [name for name in wrongly if name in found]}, rows
 
 
 def _mean(values: list[float]) -> float:

@@ -1,18 +1,19 @@
-"""Friction: identified from films of four rigs, beside what the rigs' own sensors say; answers are kept."""
+"""Friction: identified from films of four rigs, beside what the rigs' own sensors say; goes on as films do."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from benchmarks.meaning.films import KEPT, read
+from benchmarks.meaning import films
 from benchmarks.meaning.rows import Row
 from benchmarks.meaning.second_renderer import FilmCase, SecondRenderer, write
+from benchmarks.resumed import digest, resumed
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
@@ -26,6 +27,13 @@ from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.arrays import Array
 
+PART = Path("out/meaning_friction.json")
+CODE = (
+    *films.READING, "benchmarks/meaning/films.py", "benchmarks/meaning/friction.py",
+    "benchmarks/meaning/second_renderer.py",
+    *(f"hybrid_sysid_ros/{room}" for room in ("bags", "core", "models", "identification", "rigs", "structures")),
+)  # fmt: skip
+"""What sets the answers."""
 SECONDS, RATE, ASKED = 20.0, 30.0, 0.03
 RATES: Mapping[str, float] = {"wheel_motor": 60.0, "drill_string": 60.0}
 """Pictures a second of rigs that turn far between two of them."""
@@ -55,7 +63,7 @@ def records(rig: Rig, kind: str, seed: int) -> tuple[Record, Record]:
         motion = experiment(rig, kind, folder / "bag", seed=seed, duration=SECONDS, rate=200.0, disturbed=False)
         reach = max(patch.reach for patch in scene.sprite)
         write(folder / "film.mp4", SecondRenderer(case, motion.times, motion.angles, reach))
-        record = read(folder / "film.mp4", rig, folder / "bag", case)
+        record = films.read(folder / "film.mp4", rig, folder / "bag", case)
         seen = video_record.at_rate(record, video_record.usual_rate(record))
         video_record.write(
             seen, rig, scene.joint, folder / "bag", folder / "seen", replace=False, made_by="benchmarks.meaning"
@@ -75,34 +83,32 @@ def friction(rig: str, system: System, speeds: Array) -> Array:
     return np.asarray(level + excess * np.exp(-((speeds / width) ** 2)) + viscous * speeds)
 
 
-def difference(name: str) -> float:
+def difference(name: str) -> dict[str, float]:
     """Relative rms difference of the friction by film from that by the rig's sensors."""
-    path = KEPT / f"friction_{name}.json"
-    if path.exists():
-        return float(json.loads(path.read_text(encoding="utf-8"))["difference"])
     rig = load(name)
     pairs = [records(rig, kind, seed) for seed, kind in enumerate(FILMED[name])]
     own, seen = (identify([pair[k] for pair in pairs], rig, "gray", sampling=Sampling(), seed=0) for k in (0, 1))
     rubs = next(iter(rig.system.contacts)).on
     low, high = own.training_range[rubs]
     speeds = max(-low, high) * np.linspace(0.05, 1.0, 40)
-    found = float(
-        np.sqrt(np.mean((friction(name, seen.system, speeds) / friction(name, own.system, speeds) - 1.0) ** 2))
-    )
-    KEPT.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"difference": found}), encoding="utf-8")
-    print(f"  {name}: {found:.2%}", flush=True)
-    return found
+    ratio = friction(name, seen.system, speeds) / friction(name, own.system, speeds)
+    return {"difference": float(np.sqrt(np.mean((ratio - 1.0) ** 2)))}
 
 
 def measured() -> tuple[Mapping[str, Any], list[Row]]:
-    """All four rigs."""
-    found = {name: difference(name) for name in FILMED}
+    """All four rigs, as far as they are read; one that is not falls short."""
+    code = digest(*CODE)
+    done = resumed(PART, (("friction", name, partial(difference, name)) for name in FILMED), code)["friction"]
+    found = {name: item["difference"] for name, item in done.items()}
     rows = [
-        Row(name=f"friction by film beside the sensors', {name}", asked=ASKED, measured=value, at_most=True)
-        for name, value in found.items()
-    ]
+        Row(
+            name=f"friction by film beside the sensors', {name}", asked=ASKED, measured=found.get(name, np.nan),
+            at_most=True,
+        )
+        for name in FILMED
+    ]  # fmt: skip
     return {
+        "code": code,
         "seconds": SECONDS,
         "pictures_per_second": {name: RATES.get(name, RATE) for name in FILMED},
         "difference": found,

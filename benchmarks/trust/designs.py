@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import result
-from benchmarks.trust.intervals import true_rig
-from benchmarks.trust.resumed import resumed
+from benchmarks.resumed import digest, resumed
+from benchmarks.trust.intervals import CODE, true_rig
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.experiment_design.design import designed
@@ -102,7 +102,7 @@ def tasks(folder: str) -> Iterator[tuple[str, str, Any]]:
 def measured() -> dict[str, Any]:
     """By rig: the worst parameter's variance of each experiment, their ratio, the noises, and a design's seconds."""
     with TemporaryDirectory() as folder:
-        done = resumed(PART, tasks(folder))
+        done = resumed(PART, tasks(folder), digest(*CODE))
     found = {}
     for name in RIGS:
         runs = {kind: list(done.get(f"{name} {kind}", {}).values()) for kind in (DESIGNED, *OTHERS)}

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import norm
 
 from benchmarks import result
-from benchmarks.trust.resumed import resumed
+from benchmarks.resumed import digest, resumed
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import identify
@@ -26,6 +26,11 @@ from hybrid_sysid_ros.rigs.rig import Rig, load
 
 RIGS = {"cam_beam": 1000.0, "wheel_motor": 100.0}
 """Samples per second [Hz] by rig."""
+CODE = tuple(
+    f"hybrid_sysid_ros/{room}"
+    for room in ("core", "models", "identification", "structures", "rigs", "extensions/experiment_design")
+)
+"""What sets the results."""
 EXPERIMENTS, SECONDS = ("multisine", "random_steps"), 20.0
 REPETITIONS = 60
 FIRST_SEED = 5000
@@ -70,7 +75,7 @@ def measured() -> dict[str, Any]:
     """By rig, the share of intervals that hold the truth of each parameter, of the repetitions that are done."""
     seeds = [str(seed) for seed in range(FIRST_SEED, FIRST_SEED + REPETITIONS)]
     tasks = ((name, seed, partial(deviations, true_rig(name), int(seed))) for seed in seeds for name in RIGS)
-    done = resumed(PART, tasks)
+    done = resumed(PART, tasks, digest(*CODE))
     return {name: coverage(list(runs.values())) for name, runs in done.items()}
 
 
