@@ -82,8 +82,9 @@ def _patterns() -> _Patterns:
         for kind in ("emergency", "anywhere", "motionless", "edge", "alone")
     )
     stop = rf"(?<= )(?:{anywhere}|{motionless})|(?:^ |\| ){edge}|(?<= ){edge}(?:$|\|)|^ (?:\| )*{alone}(?:\| )*$"
-    before, with_no, whole = (_any(table["unless"][kind]) for kind in ("before", "with_no", "whole"))
-    not_stop = rf"(?<= )(?:{before}(?:[^ |]+ )?(?:{emergency}|{anywhere}|{edge})|(?:no|nao) {with_no}|{whole})"
+    unless = {kind: _any(words) for kind, words in table["unless"].items()}
+    before, whole = rf"{unless['before']}(?:{unless['between']})?", unless["whole"]
+    not_stop = rf"(?<= )(?:{before}(?:{emergency}|{anywhere}|{edge})|(?:no|nao) {unless['with_no']}|{whole})"
     return _Patterns(
         emergency=re.compile(rf"(?<= ){emergency}"),
         stop=re.compile(stop),

@@ -16,7 +16,8 @@ SAID = {
         all down | power off | halt the swing | hit the brakes | enough | that's enough | hold on! | don't
         move | stand still | knock it off | oh no stop | no, stop! | oh no it is shaking stop | please
         brake | you must abort now | go to 99 V stop | can't you stop |
-        never mind | Nevermind! | forget it | no more! | don't continue | never mind, go to 2 V
+        never mind | Nevermind! | forget it | no more! | don't continue | never mind, go to 2 V |
+        do not move stop | don't wait stop | without delay stop | do not go halt
     """,
     "pt": """
         pare | PARE | pára! | para | para tudo | para já | meu deus para | não, para! | parar | parem |
@@ -30,7 +31,7 @@ SAID = {
     "de": """
         stopp | halt | Halt an! | anhalten | stehen bleiben | bleib sofort stehen | abbrechen | Abbruch |
         brems | bremsen | schalte den Motor aus | mach es aus | aus | hör auf | Hör auf damit! | Schluss |
-        genug | nicht bewegen
+        genug | nicht bewegen | nicht weiter stopp
     """,
     "fr": """
         arrête | ARRÊTEZ | arrête-toi | arrêter | arrêt | stoppez | halte ! | ça suffit | c'est assez |
@@ -48,7 +49,8 @@ NONE = """
     don't stop | do not ever stop | never stop | go to 3 V without stopping | não pare | no pares | n'arrête
     pas | ne t'arrête pas | nicht anhalten | hör nicht auf | halt nicht an | sem parar | step to 3 V | vai para
     3 graus | de 1 para 2 V | sobe mais alto que 3 | half of 3 V | what is the weather like |
-    go no more than 2 V | don't forget to go to 2 V
+    go no more than 2 V | don't forget to go to 2 V | you need not stop | it must not stop |
+    you don't have to stop | don't you ever stop
 """
 
 
