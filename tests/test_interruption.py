@@ -66,7 +66,12 @@ def test_an_interrupt_waits_until_it_is_heard(work: str, tmp_path) -> None:
 CALLBACK = "import weakref; kept = type('Fleeting', (), {})(); seen = weakref.ref(kept, interrupt); del kept"
 
 
-@pytest.mark.parametrize("work", ["interrupt()", CALLBACK], ids=["plain", "a reference's callback"])
+MANAGER = "os.kill(os.getpid(), signal.SIGTERM)"
+
+
+@pytest.mark.parametrize(
+    "work", ["interrupt()", CALLBACK, MANAGER], ids=["plain", "a reference's callback", "a manager's"]
+)
 def test_an_interrupt_elsewhere_comes_at_once_or_again_if_it_was_lost(work: str) -> None:
     end = subprocess.run(
         [sys.executable, "-c", FRAME.replace("{work}", work)], capture_output=True, text=True, timeout=60.0

@@ -24,12 +24,14 @@ def ending() -> tuple[signal.Signals, ...]:
 
 
 def install() -> None:
-    """From now on SIGINT raises KeyboardInterrupt where it is heard, see :func:`interrupt`, unless it is ignored, as in
-    the background of a script. For the main thread.
+    """From now on the signals of :func:`ending` raise KeyboardInterrupt where they are heard, see :func:`interrupt`, so
+    that nothing half-written is left; but for SIGINT where it is ignored, as in the background of a script. For the
+    main thread.
     """
-    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-        signal.signal(signal.SIGINT, interrupt)
-        repeat_unheard()
+    for number in ending():
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, interrupt)
+    repeat_unheard()
 
 
 def repeat_unheard() -> None:
