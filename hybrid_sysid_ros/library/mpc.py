@@ -26,6 +26,7 @@ def mpc(
     *,
     terms: Mapping[str, Any] | None = None,
     stage_parameters: Mapping[str, Any] | None = None,
+    final_output_weights: ArrayLike | None = None,
     riccati_at: ArrayLike | None = None,
     intervals: Sequence[int] | None = None,
     blocks: Sequence[int] | None = None,
@@ -40,7 +41,8 @@ def mpc(
     square, price, low and high, hard or soft_linear and soft_quadratic, final. A formula has names of states, inputs,
     outputs, of the model's parameters and of stage_parameters, in SI units. stage_parameters: their values, one or one
     for each stage; ``assign(name=values)`` of the controller changes them. Terms are added to those of the section mpc
-    in the rig's file, and replace those of the same name. riccati_at: outputs (p,) in SI units about which the cost of
+    in the rig's file, and replace those of the same name. final_output_weights: of the outputs (p,) at the end of the
+    horizon. riccati_at: outputs (p,) in SI units about which the cost of
     all time after the horizon is added at its end. intervals: lengths of uneven intervals, in periods, such as
     [1, 1, 2, 4]; blocks: numbers of periods through which inputs are held.
     operating_point: outputs (p,) in SI units at whose steady motion the inputs cost nothing. tightening: fields of
@@ -66,8 +68,9 @@ def mpc(
         own = {term.name: term for term in problem.terms} | {term.name: term for term in terms_of(more)}
         further["terms"] = tuple(own.values())
         further["stage_parameters"] = tuple((dict(problem.stage_parameters) | stage).items())
-    if riccati_at is not None:
-        further["riccati_at"] = np.atleast_1d(arguments.array_of(riccati_at, "riccati_at")).tolist()
+    for name, values_at in (("riccati_at", riccati_at), ("final_output_weights", final_output_weights)):
+        if values_at is not None:
+            further[name] = np.atleast_1d(arguments.array_of(values_at, name)).tolist()
     covariance = None
     if tightening is not None:
         further["tightening"] = tightening

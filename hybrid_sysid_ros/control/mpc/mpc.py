@@ -189,7 +189,7 @@ class ExactMpc:
         (rows, N, m): inputs to begin from, such as a neighbour's; without them each begins from its previous inputs.
         threads: 0 for one per core. The last plan of this controller stays. Raises UserError for other shapes.
         """
-        return self._solve_rows(instances, np.ones(len(instances), np.bool_), starts, threads=threads, piece=PIECE)
+        return self._solve_rows(instances, None, starts, threads=threads, piece=PIECE)
 
     def solve_sequence(self, instances: Array, begins: NDArray[np.bool_], *, attempts: int = 1) -> MpcAnswers:
         """Answers to the instances of a loop, each from the plan before, which is shifted by an interval, but for rows
@@ -200,7 +200,7 @@ class ExactMpc:
     def _solve_rows(
         self,
         instances: Array,
-        begins: NDArray[np.bool_],
+        begins: NDArray[np.bool_] | None,
         starts: Array | None,
         *,
         piece: int,
@@ -208,9 +208,13 @@ class ExactMpc:
         threads: int = 1,
     ) -> MpcAnswers:
         n, m, count = len(self.system.states), len(self.system.inputs), self.horizon
-        given = np.ascontiguousarray(instances, dtype=float)
-        first = np.ascontiguousarray(np.zeros((0, count, m)) if starts is None else starts, dtype=float)
+        try:
+            given = np.ascontiguousarray(instances, dtype=float)
+            first = np.ascontiguousarray(np.zeros((0, count, m)) if starts is None else starts, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise UserError(f"solve_many: instances and starts are arrays of numbers ({error})") from error
         rows, width = len(given), n + 2 * m + count * len(self.system.outputs)
+        begins = np.ones(rows, np.bool_) if begins is None else begins
         for name, part, shape in (
             ("instances", given, (rows, width)),
             ("starts", first, (rows if len(first) else 0, count, m)),
