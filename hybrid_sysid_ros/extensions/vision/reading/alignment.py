@@ -235,11 +235,12 @@ def align_freely(
     blocks = 2 * int(reach / width) + 4
     scores, normal, gradient = np.empty((blocks, 3)), np.empty((3, 3)), np.empty(3)
     histogram, slopes, beside, deviation = np.zeros(BINS, dtype=np.int64), np.empty(3), np.zeros(2), 0.0
+    rows = np.empty(3)
     out[:] = np.nan
     for step in range(STEPS):
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
-        scores[:], normal[:], gradient[:], histogram[:], used, rows = 0.0, 0.0, 0.0, 0, 0, 0.0
+        scores[:], normal[:], gradient[:], histogram[:], rows[:], used = 0.0, 0.0, 0.0, 0, 0.0, 0
         place = (pivot[0] + beside[0], pivot[1] + beside[1])
         for k in range(points.shape[0]):
             difference, slopes[0], slopes[1], slopes[2], row = point(
@@ -254,8 +255,8 @@ def align_freely(
             if weight == 0.0:
                 continue
             block = int(points[k, 0] / width + blocks / 2)
-            rows += weight * slopes[0] ** 2 * row
             for i in range(3):
+                rows[i] += weight * slopes[i] * slopes[0] * row
                 gradient[i] += weight * difference * slopes[i]
                 scores[block, i] += weight * difference * slopes[i]
                 for j in range(3):
@@ -267,7 +268,8 @@ def align_freely(
         inverse = np.linalg.inv(normal)
         move = inverse @ gradient
         spread = scores @ inverse
-        out[0], out[1], out[2], out[6] = angle, beside[0], beside[1], rows / normal[0, 0]
+        # a joint that turns is turned by as much more or less in each row, and so much is each row's part of the angle
+        out[0], out[1], out[2], out[6] = angle, beside[0], beside[1], inverse[0] @ rows
         for i in range(3):
             out[3 + i] = _clustered(spread[:, i])
         deviation = max(_median(histogram, used) / 0.6745, 0.7)

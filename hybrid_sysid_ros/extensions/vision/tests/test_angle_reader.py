@@ -44,6 +44,18 @@ def test_the_row_tells_at_which_moment_the_angle_was_that(reader: AngleReader) -
         assert math.degrees(reader.layers.position(reading.angle) - expected) == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.parametrize("middle", [-1.0, 0.3])
+def test_the_row_of_an_angle_that_no_place_changes_is_another(middle: float) -> None:
+    """It hangs on what is far from the middle of an arm that reaches from its pivot to one side."""
+    rig, speed = load("flexible_joint"), 1.5
+    reader = AngleReader(painted_layers(rig, CAMERA, low=-1.2, high=0.5))
+    picture = Imager(scene_of(rig), CAMERA, seed=2).take(1.5, TIMES, middle + speed * (TIMES - 1.5))
+    angle = reader.read(picture).angle
+    free = reader.read_freely(picture, angle, reader.gains)
+    expected = middle + speed * reader.layers.row_time(free.row)
+    assert math.degrees(reader.layers.position(free.angle) - expected) == pytest.approx(0.0, abs=0.03)
+
+
 def test_the_deviation_is_that_of_many_readings(reader: AngleReader) -> None:
     imager = Imager(scene_of(RIG), Camera(noise=8.0), seed=3)
     readings = [reader.read(imager.take(1.5, TIMES, np.full(len(TIMES), 0.033))) for _ in range(60)]
