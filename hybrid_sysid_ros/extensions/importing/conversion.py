@@ -15,8 +15,9 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.sampling import JITTER, HeldMean
 from hybrid_sysid_ros.bags.series import SECOND
 from hybrid_sysid_ros.extensions.importing.grid import SAMPLES_PER_PIECE, CleanStamps, SampleGrid, clean_stamps, grid_of
+from hybrid_sysid_ros.extensions.importing.guessing import unit_of_times
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
-from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, rig_factor
+from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, rig_factor, seconds_of
 from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -34,21 +35,21 @@ def records_of(file: LogFile, mapping: ImportMapping, rig: Rig) -> tuple[list[Re
     the rig can't have.
     """
     mapping.check(rig, f"{file.path}: mapping")
-    return _Conversion(file.path, mapping, rig, file.read(mapping.columns)).records()
+    return _Conversion(file, mapping, rig, file.read(mapping.columns)).records()
 
 
 class _Conversion:
     """One file on its way to records."""
 
-    def __init__(self, path: Path, mapping: ImportMapping, rig: Rig, columns: dict[str, Array]) -> None:
-        self.path, self.mapping, self.rig, self.columns = path, mapping, rig, columns
+    def __init__(self, file: LogFile, mapping: ImportMapping, rig: Rig, columns: dict[str, Array]) -> None:
+        self.file, self.path, self.mapping, self.rig, self.columns = file, file.path, mapping, rig, columns
         self.notes: list[str] = []
         self.stamps = dict[str, CleanStamps]()
         names = [item.name for item in rig.system.outputs]
         own = mapping.outputs[names[0]].time or mapping.time.column
         stamps = self.stamps_of(own, len(columns[mapping.outputs[names[0]].column]))
         self.grid: SampleGrid = grid_of(stamps, self.what(own))
-        check_size(path, len(self.grid.times) * (len(mapping.signals) + 1))
+        check_size(self.path, len(self.grid.times) * (len(mapping.signals) + 1))
 
     def what(self, column: str) -> str:
         return f"{self.path}: {column or 'time'}"
@@ -109,11 +110,20 @@ class _Conversion:
         """Clean times of a column, or of the mapping's period where it is "" ."""
         if column not in self.stamps:
             if column:
-                unit = self.mapping.time.seconds
+                unit = self.seconds_of_times(column)
                 self.stamps[column] = clean_stamps(unit * self.columns[column], self.what(column))
             else:
                 self.stamps[column] = row_times(self.mapping.time.period, samples)
         return self.stamps[column]
+
+    def seconds_of_times(self, column: str) -> float:
+        """Seconds per unit of a column of times: by the mapping, or by the column where its unit is another one."""
+        time = self.mapping.time
+        own, main = (
+            unit_of_times(self.file.columns[name]) if name in self.file.columns else ""
+            for name in (column, time.column)
+        )
+        return time.seconds if own == main else seconds_of(own or "s") or time.seconds
 
     def values(self, name: str, column: SignalColumn) -> tuple[Array, Array]:
         """Times (rows,) [s] and values (rows,) [unit of the rig] of a signal, where it is known."""

@@ -6,14 +6,14 @@ import json
 import keyword
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import yaml
 
 from hybrid_sysid_ros.extensions.importing.conversion import row_times
 from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
-from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS, words_of
+from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS, times_of_column, words_of
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
 from hybrid_sysid_ros.extensions.shared.units import named
@@ -75,10 +75,9 @@ def made_rig(
     Raises UserError for columns that are constant or no numbers, and times that are none.
     """
     chosen = [*inputs, *outputs]
-    if (own := file.columns[outputs[0]].time) and time.column:
-        time = replace(time, column=own)
-    times = [column for column in (time.column, *(file.columns[item].time for item in chosen)) if column]
-    columns = file.read([*chosen, *times])
+    main, time = time, times_of_column(file, outputs[0], time, units)
+    times = {item: times_of_column(file, item, main, units) for item in chosen}
+    columns = file.read([*chosen, *(its.column for its in (time, *times.values()) if its.column)])
     first = time.column
     stamps = (
         clean_stamps(time.seconds * columns[first], f"{file.path}: {first}")
@@ -90,8 +89,8 @@ def made_rig(
     signals = []
     for item in chosen:
         column = file.columns[item]
-        own = column.time or time.column
-        at = clean_stamps(time.seconds * columns[own], f"{file.path}: {own}") if own else stamps
+        own = times[item]
+        at = clean_stamps(own.seconds * columns[own.column], f"{file.path}: {own.column}") if own.column else stamps
         inside = at.rows < len(columns[item])
         values, times_of = columns[item][at.rows[inside]], at.times[inside]
         known = np.isfinite(values)
@@ -119,7 +118,7 @@ def made_rig(
 
 
 def _column(item: MadeSignal, time: TimeColumn, units: dict[str, str]) -> SignalColumn:
-    own = item.column.time if item.column.time != time.column else ""
+    own = item.column.time if time.column and item.column.time != time.column else ""
     return SignalColumn(column=item.column.name, unit=units.get(item.column.name, item.column.unit), time=own)
 
 

@@ -31,15 +31,23 @@ TIMES = (
     "clock",
     "date",
     "ts",
+    "hours",
+    "minutes",
+    "milliseconds",
+    "microseconds",
 )
+TIME_UNITS = ("hours", "minutes", "milliseconds", "microseconds")
+"""Of these, those that are units."""
 PERIODS = ("ts", "dt", "period", "sampletime", "samplingtime", "tsample")
 INPUTS = (
     "u", "in", "input", "cmd", "command", "ctrl", "control", "drive", "force", "torque", "voltage", "volt", "pwm",
-    "duty", "current", "effort", "actuator", "actuation", "excitation", "motor", "pump", "valve", "throttle", "x",
+    "duty", "current", "effort", "actuator", "actuation", "excitation", "motor", "pump", "valve", "throttle", "heater",
+    "x",
 )  # fmt: skip
 OUTPUTS = (
     "y", "out", "output", "pos", "position", "angle", "theta", "phi", "q", "speed", "velocity", "vel", "omega", "rate",
-    "level", "meas", "measured", "measurement", "sensor", "encoder", "response", "height", "temperature", "pressure",
+    "level", "meas", "measured", "measurement", "sensor", "encoder", "response", "height", "temperature", "temp",
+    "pressure",
 )  # fmt: skip
 ALIKE = (
     {"pos", "position", "x", "q", "displacement"}, {"angle", "theta", "phi", "pos", "position", "q"},
@@ -114,13 +122,12 @@ def guessed(
     if problems:
         raise UserErrors(problems)
     assert isinstance(time, mapping.TimeColumn)
-    own = file.columns[found[rig.system.outputs[0].name]].time
-    if own and not period and "time" not in given:
-        time = replace(time, column=own)
+    if "time" not in given:
+        time = times_of_column(file, found[rig.system.outputs[0].name], time, units)
 
     def column_of(name: str) -> mapping.SignalColumn:
         column = file.columns[found[name]]
-        own = column.time if column.time != time.column else ""
+        own = column.time if time.column and column.time != time.column else ""
         return mapping.SignalColumn(column=column.name, unit=units.get(name, column.unit), time=own)
 
     return mapping.ImportMapping(
@@ -169,8 +176,28 @@ def time_of(
         return (
             f"{file.path}: no column is a time; name it (--column time=COLUMN), or give the sampling time (--period)"
         ), left
-    unit = units.get("time") or file.columns[name].unit or _suffix(name, ("ms", "us", "ns", "min", "h")) or "s"
+    unit = units.get("time") or unit_of_times(file.columns[name]) or "s"
     return mapping.TimeColumn(column=name, unit=unit), left
+
+
+def times_of_column(file: LogFile, name: str, time: mapping.TimeColumn, units: Mapping[str, str]) -> mapping.TimeColumn:
+    """The times of a column: its own, if it has some and there are times at all, or else those of the file."""
+    own = file.columns[name].time
+    if not (own and time.column) or own == time.column:
+        return time
+    return replace(time, column=own, unit=units.get("time") or unit_of_times(file.columns[own]) or time.unit)
+
+
+def own_times(file: LogFile) -> str:
+    """The column of a file that has the times of the others; "" where there is none."""
+    time, _ = time_of(file, list(file.columns.values()), {}, {}, 0.0)
+    return time.column if isinstance(time, mapping.TimeColumn) else ""
+
+
+def unit_of_times(column: LogColumn) -> str:
+    """The unit of a column of times, as the file or the column's name says it; "" where neither does."""
+    name = column.name.rsplit(".", 1)[-1].lower()
+    return column.unit or _suffix(name, ("ms", "us", "ns", "min", "h")) or (name if name in TIME_UNITS else "")
 
 
 def _is_time(column: LogColumn) -> bool:

@@ -72,18 +72,21 @@ class LogFile(ABC):
 class JoinedFile(LogFile):
     """Several files of one record, such as of two devices; columns are named FILE.COLUMN, without the file's suffix."""
 
-    def __init__(self, files: Sequence[LogFile]) -> None:
-        """Raises UserError for two files of one name."""
+    def __init__(self, files: Sequence[LogFile], times: Sequence[str]) -> None:
+        """times: by file, the column with the times of its other columns; "" for none. Raises UserError for two files
+        of one name.
+        """
         stems = [file.path.stem for file in files]
         if twins := {stem for stem in stems if stems.count(stem) > 1}:
             raise UserError(f"{files[0].path}: two files are called {min(twins)}; rename one")
+        own = dict(zip(files, times, strict=True))
         self._places = {f"{file.path.stem}.{name}": (file, name) for file in files for name in file.columns}
         super().__init__(
             files[0].path,
             [
                 replace(file.columns[name], name=joined, time=time and f"{file.path.stem}.{time}")
                 for joined, (file, name) in self._places.items()
-                for time in [file.columns[name].time]
+                for time in [file.columns[name].time or own[file]]
             ],
         )
 

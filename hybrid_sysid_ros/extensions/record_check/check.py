@@ -22,6 +22,8 @@ FEWEST = 200
 """Samples below which a record is short."""
 MISSING = 0.005
 """Share of missing samples that is worth a word."""
+SILENT = 0.9
+"""Cost of a finding beside which the rig's physics say nothing: where nothing moves, friction makes any answer."""
 STILL = 0.5
 """Cost of an input that does not move while another one does: the record tells nothing of that one alone."""
 
@@ -34,7 +36,7 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     if any(signal.is_input and signal.span > 0.0 for signal in signals):
         found = [replace(item, cost=STILL) if item.kind == "no excitation" else item for item in found]
     found += _whole(record, signals)
-    if not any(item.cost >= 1.0 for item in found):
+    if not any(item.cost >= SILENT for item in found):
         found += response_findings(record, rig, signals)
         found = [item for item in (_of_held_input(item, record, rig) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
@@ -76,7 +78,10 @@ def _whole(record: Record, signals: list[CheckedSignal]) -> list[RecordFinding]:
     if record.samples < FEWEST:
         found.append(
             RecordFinding(
-                kind="short", cost=0.5, words=f"{record.samples} samples, {record.duration:.4g} s", cure="record longer"
+                kind="short",
+                cost=0.79,
+                words=f"{record.samples} samples, {record.duration:.4g} s",
+                cure="record longer; what so few samples show of scale or relation is chance",
             )
         )
     lost = 0.0 if record.measured is None else float(1.0 - record.measured.mean())

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
+from hybrid_sysid_ros.extensions.importing.guessing import own_times
 from hybrid_sysid_ros.extensions.importing.log_file import JoinedFile, LogFile, readable
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -27,8 +28,12 @@ EXTRA = "import"
 
 
 def open_joined(path: Path, others: Sequence[Path]) -> LogFile:
-    """A file, or it and the others that are of the same record. Raises UserError as :func:`open_log` does."""
-    return JoinedFile([open_log(item) for item in (path, *others)]) if others else open_log(path)
+    """A file, or it and the others that are of the same record, each with times of its own if it has some.
+
+    Raises UserError as :func:`open_log` does.
+    """
+    files = [open_log(item) for item in (path, *others)]
+    return JoinedFile(files, [own_times(file) for file in files]) if others else files[0]
 
 
 def open_log(path: Path) -> LogFile:

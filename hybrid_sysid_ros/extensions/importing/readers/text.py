@@ -15,6 +15,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 HEAD = 1 << 18
 """Bytes at the beginning by which the form of a file is found."""
+WIDE = (b"\xff\xfe", b"\xfe\xff")
+"""How text in UTF-16 begins, such as that of spreadsheets and of LabVIEW."""
 MOST_LINES = 200
 """Lines that may stand before the numbers."""
 DELIMITERS = (";", "\t", ",", "|")
@@ -51,15 +53,18 @@ class TextFile(LogFile):
     def __init__(self, path: Path) -> None:
         with path.open("rb") as file:
             head = file.read(HEAD)
-        if b"\0" in head:
-            raise UserError(f"{path}: is no text file, although its name says so")
+        self._wide = head[:2] in WIDE
+        if self._wide:
+            head = head[: len(head) // 2 * 2]
+        elif b"\0" in head:
+            raise UserError(f"{path}: is no text file, although its name says so; save it as UTF-8 if it is one")
         whole = path.stat().st_size
-        lines = _decoded(head).splitlines()
+        lines = (head.decode("utf-16", "replace") if self._wide else _decoded(head)).splitlines()
         if len(head) < whole:
             lines = lines[:-1]  # which may be cut
         self.form = form_of(lines, path)
         rows = len(lines) - self.form.skipped
-        bytes_of_rows = sum(len(line) + 1 for line in lines[self.form.skipped :])
+        bytes_of_rows = (1 + self._wide) * sum(len(line) + 1 for line in lines[self.form.skipped :])
         samples = rows if len(head) == whole else round(rows * whole / max(bytes_of_rows, 1))
         columns = zip(self.form.names, self.form.units, strict=True)
         super().__init__(path, [LogColumn(name=name, unit=unit, samples=samples) for name, unit in columns])
@@ -68,15 +73,17 @@ class TextFile(LogFile):
         if not self.form.delimiter:
             chosen = [self.form.names.index(name) for name in names]
             table = np.loadtxt(
-                self.path, skiprows=self.form.skipped, usecols=chosen, ndmin=2, encoding="latin-1", converters=_number
-            )
+                self.path, skiprows=self.form.skipped, usecols=chosen, ndmin=2,
+                encoding="utf-16" if self._wide else "latin-1", converters=_number,
+            )  # fmt: skip
             return dict(zip(names, table.T, strict=True))
         import polars
 
         trailing = {"": polars.String} if self.form.trailing else {}
         kinds = {name: polars.String if name in self.form.moments else polars.Float64 for name in self.form.names}
         rows = polars.scan_csv(
-            self.path, separator=self.form.delimiter, decimal_comma=self.form.comma, has_header=False,
+            self._bytes() if self._wide else self.path, separator=self.form.delimiter,
+            decimal_comma=self.form.comma, has_header=False,
             skip_rows=self.form.skipped, schema=kinds | trailing, null_values=MISSING, ignore_errors=True,
             encoding="utf8-lossy", truncate_ragged_lines=True, glob=False,
         )  # fmt: skip
@@ -91,6 +98,10 @@ class TextFile(LogFile):
             stamps = table[name].to_numpy()
             found[name] = (stamps - np.nanmin(stamps)) * 1e-9
         return found
+
+    def _bytes(self) -> bytes:
+        """The file in UTF-8, which is all that the library reads."""
+        return self.path.read_bytes().decode("utf-16", "replace").encode()
 
 
 def form_of(lines: Sequence[str], path: Path) -> TextForm:

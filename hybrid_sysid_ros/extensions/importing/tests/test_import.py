@@ -67,6 +67,16 @@ def test_names_units_delimiters_and_decimal_signs_are_found(imported, tmp_path, 
     assert_same(read(tmp_path), samples=400)
 
 
+@pytest.mark.parametrize("delimiter", [";", " "])
+def test_text_of_two_bytes_a_letter_is_read(imported, tmp_path, delimiter):
+    """As spreadsheets and LabVIEW save it."""
+    header = delimiter.join(("time", "drive", "position"))
+    plain = Path(table(tmp_path / "log.csv", header, TIME, DRIVE, POSITION, delimiter=delimiter, comma=True))
+    plain.write_text(plain.read_text(), encoding="utf-16")
+    status_of(imported(str(plain)))
+    assert_same(read(tmp_path))
+
+
 @pytest.mark.parametrize(
     ("header", "times"),
     [("ts,drive,position", 1.7e9 + TIME), ("dt [ms],drive,position", np.full(400, 10.0))],
@@ -176,6 +186,17 @@ def test_a_column_has_its_own_late_and_drifting_clock(imported, tmp_path):
     record = read(tmp_path)
     np.testing.assert_allclose(record.output[:390, 0], POSITION[:390], atol=1e-6)
     assert np.mean(np.abs(record.input[:390, 0] - DRIVE[:390]) < 1e-3) > 0.95
+
+
+@pytest.mark.parametrize(("name", "unit"), [("time", 1.0), ("time [ms]", 1000.0)])
+def test_each_of_two_devices_keeps_its_own_times(imported, tmp_path, name, unit):
+    """The second device began 50 ms later, and counts in its own unit."""
+    table(tmp_path / "plc.csv", "time,drive", TIME, DRIVE)
+    table(tmp_path / "daq.csv", f"{name},position", unit * TIME[5:], POSITION[5:])
+    status_of(imported(str(tmp_path / "plc.csv"), "--also", str(tmp_path / "daq.csv")))
+    record = read(tmp_path, "plc")
+    np.testing.assert_allclose(record.output[:, 0], POSITION[5:], atol=1e-9)
+    np.testing.assert_allclose(record.input[:394, 0], DRIVE[5:399], atol=1e-9)
 
 
 @pytest.mark.parametrize(

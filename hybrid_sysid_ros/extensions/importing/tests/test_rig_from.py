@@ -75,6 +75,19 @@ def test_two_files_of_one_record_are_joined(program, tmp_path, monkeypatch):
     np.testing.assert_allclose(record.input[:-1, 0], inputs[:-1])
 
 
+def test_the_equation_of_two_devices_is_found_by_their_own_times(program, tmp_path, monkeypatch):
+    """The second one counts hours, and began later."""
+    monkeypatch.chdir(tmp_path)
+    times, inputs, outputs = response(1.0)
+    np.savetxt("plc.csv", np.column_stack([times, inputs]), delimiter=",", header="time,heater", comments="")
+    daq = np.column_stack([times[100:] / 3600.0, outputs[100:]])
+    np.savetxt("daq.csv", daq, delimiter=",", header="hours,temp", comments="", fmt="%.12g")
+    assert program("rig", "from", "plc.csv", "./oven", "--also", "daq.csv")[0] == 0
+    first = dict(hs.load_rig("./oven").system.named)
+    assert first["time_constant"] == pytest.approx(PERIODS, rel=0.1)
+    assert first["gain"] == pytest.approx(GAIN, rel=0.05)
+
+
 def test_what_a_file_says_of_itself_stays_text(program, tmp_path, monkeypatch):
     """A unit and a file's name that would end the text in which they stand, and a name that Python has."""
     import h5py

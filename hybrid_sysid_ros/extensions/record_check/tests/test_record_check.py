@@ -68,6 +68,7 @@ def test_each_fault_is_named_first():
     assert first(0.0 * y) == "constant output"
     assert first(inputs=0.0 * u) == "no excitation"
     assert first(measured=measured) == "missing samples"
+    assert findings_of(r.between(100, 160), hs.load_rig(RIG))[0].kind == "short"
     assert first(y.std() * random.normal(size=y.shape)) in ("no relation", "noise")
 
 
@@ -91,6 +92,15 @@ def test_faults_are_named_at_any_time_scale(call, tmp_path, monkeypatch, period)
     assert {kind: findings_of(replace(r, output=output), rig)[0].kind for kind, output in faults.items()} == {
         kind: kind for kind in faults
     }
+
+
+def test_where_nothing_moves_nothing_is_said_of_signs():
+    """In the play of friction any answer is chance."""
+    rig = hs.load_rig("flexible_joint")
+    r = bags.read(ROOT / "bags" / "flexible_joint_multisine", rig.signals)
+    found = findings_of(replace(r, input=0.003 * r.input, output=-0.003 * r.output), rig)
+    assert found[0].kind == "no excitation"
+    assert "sign" not in [item.kind for item in found]
 
 
 def test_an_input_that_rests_while_another_one_moves_blocks_no_fit():
