@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.linalg import lstsq
-from scipy.stats import chi2
+from scipy.stats import f
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Sensitivities
@@ -25,8 +25,10 @@ QUIET = 1e-3
 """Noise in an output's deviation where no sensor declares more."""
 RESTING, RARE = 0.02, 0.05
 """Share of a rate's largest value below which a state rests, and share of the time below which a motion is rare."""
-ORDER, CERTAIN, ENOUGH = 12, 1e-4, 20_000
-"""Samples of the past, level of the test for feedback, and samples of a record to which it is applied."""
+ORDER, CERTAIN, ENOUGH, JUMP = 12, 1e-4, 20_000, 5.0
+"""Samples of the past, level of the test for feedback, samples of a record to which it is applied, and how many times
+as far as usual an input moves in a jump.
+"""
 
 
 def remarks_of(records: Sequence[Record], rig: Rig) -> list[str]:
@@ -103,15 +105,32 @@ def _feedback(records: Sequence[Record], rig: Rig) -> Iterator[str]:
 
 
 def leads(output: Array, given: Array) -> bool:
-    """Whether the past of an output (samples,) foretells an input (samples,) beside the input's own past."""
-    if np.ptp(output[:ENOUGH]) == 0.0 or np.ptp(given[:ENOUGH]) == 0.0 or len(given) < 20 * ORDER:
+    """Whether the past of an output (samples,) foretells an input (samples,) beside the input's own past.
+
+    Samples in which the input jumps have no say, for an output foretells when the next step of an experiment is due. In
+    an input that only jumps, they have it alone, beside the levels before.
+    """
+    y, u = output[:ENOUGH], given[:ENOUGH]
+    if np.ptp(y) == 0.0 or np.ptp(u) == 0.0:
         return False
-    y, u = ((values - values.mean()) / values.std() for values in (output[:ENOUGH], given[:ENOUGH]))
+    y, u = ((values - values.mean()) / values.std() for values in (y, u))
+    moves = np.abs(np.diff(u, prepend=u[0]))
+    jumps = moves > JUMP * np.median(moves)
     windows = np.lib.stride_tricks.sliding_window_view
-    own, other = windows(u[:-1], ORDER), windows(y[:-1], ORDER)
-    squares = []
-    for past in (own, np.hstack([own, other])):
-        left = u[ORDER:] - past @ lstsq(past, u[ORDER:])[0]
+    if moves[~jumps].any():
+        rows = np.flatnonzero(~jumps)
+        rows, levels = rows[rows >= ORDER], u
+    else:  # a jump may take some samples, where means of a step are recorded
+        rows = np.flatnonzero(jumps & ~np.append(False, jumps[:-1]))[ORDER:]
+        levels = u[jumps & ~np.append(jumps[1:], False)]
+    if len(rows) < 4 * ORDER:
+        return False
+    chosen = rows - ORDER if levels is u else slice(None)
+    aim, before = levels[ORDER:][chosen], windows(levels[:-1], ORDER)[chosen]
+    own, squares = np.column_stack([before, np.ones(len(rows))]), []
+    for past in (own, np.hstack([own, windows(y[:-1], ORDER)[rows - ORDER]])):
+        left = aim - past @ lstsq(past, aim)[0]
         squares.append(float(left @ left))
     least = 1e-18 * len(u)  # an input that its own past foretells to the last digit
-    return squares[1] > least and len(u) * np.log(squares[0] / squares[1]) > chi2.isf(CERTAIN, ORDER)
+    free = len(rows) - 2 * ORDER - 1
+    return squares[1] > least and (squares[0] / squares[1] - 1.0) * free / ORDER > f.isf(CERTAIN, ORDER, free)

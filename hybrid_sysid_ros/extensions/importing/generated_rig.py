@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import yaml
+from scipy.optimize import least_squares
+from scipy.signal import cont2discrete, lfilter
 
 from hybrid_sysid_ros.extensions.importing.conversion import row_times
 from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
@@ -29,6 +31,12 @@ PER_PERIOD, FEWEST = 20.0, 300
 """Steps of a fit in a period of that frequency, and fewest steps in the record."""
 FARTHEST = 1000.0
 """Bounds of a parameter, in its first value."""
+CONSTANTS, DAMPINGS = np.geomspace(1.0 / 60.0, 3.0, 24), np.array([0.05, 0.2, 0.5, 1.0, 2.5])
+"""Where the search for an equation begins: time constants in periods of the band, and damping ratios."""
+LONGEST, FASTEST = 3.0, 1.5
+"""Longest time constant, in records; fastest pole, over a step of the fit."""
+MOST = 20_000
+"""Samples at the beginning of a record by which the equation is found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,25 +164,42 @@ def _time_scale(outputs: Sequence[MadeSignal], period: float) -> tuple[float, fl
 
 
 def _equation(output: Array, inputs: Sequence[Array], every: int, step: float, band: float) -> tuple[float, ...]:
-    """First values (gains, offset, time constant [s], damping ratio) of T^2 y'' = g u + c - y - 2 d T y': two past
-    samples by least squares, or an aperiodic response of the time scale where these are no stable system.
+    """First values (gains, offset, time constant [s], damping ratio) of T^2 y'' = g u + c - y - 2 d T y': those whose
+    simulation is nearest to the record. T and d are searched; gains, offset and initial state follow by least squares
+    (variable projection).
     """
-    wide = max(every, round(every / step / (8.0 * band)))
-    us = [values[: len(values) // wide * wide].reshape(-1, wide).mean(axis=1) for values in inputs]
-    y, seconds = output[::wide][: len(us[0])], wide * step / every
-    rows = np.column_stack([y[1:-1], y[:-2], *(u[1:-1] for u in us), *(u[:-2] for u in us), np.ones(len(y) - 2)])
-    found = np.linalg.lstsq(rows, y[2:], rcond=None)[0]
-    poles = np.log(np.roots([1.0, -found[0], -found[1]]).astype(complex)) / seconds
-    squared, rest = float(np.real(poles[0] * poles[1])), 1.0 - found[0] - found[1]
-    if np.isfinite(poles).all() and (poles.real < 0).all() and abs(poles).max() < 1.5 / step and squared > 0:
-        constant = 1.0 / np.sqrt(squared)
-        damping = float(-np.real(poles.sum())) * constant / 2.0
-        gains = [float(found[2 + k] + found[2 + len(us) + k]) / rest for k in range(len(us))]
-    else:
-        constant, damping = 1.0 / (2.0 * np.pi * band), 0.7
-        gains = [float(np.cov(y, u)[0, 1] / max(float(np.var(u)), 1e-12)) for u in us]
-    offset = float(y.mean() - sum(gain * u.mean() for gain, u in zip(gains, us, strict=True)))
-    return (*gains, offset, float(constant), damping)
+    us = [values[: len(values) // every * every].reshape(-1, every).mean(axis=1)[:MOST] for values in inputs]
+    y = output[::every][: len(us[0])]
+
+    def solved(point: Array) -> tuple[Array, Array, float, float]:
+        """Errors (samples,), numbers that follow, T and d, of log T and log d."""
+        damping = float(np.exp(point[1]))
+        fastest = damping + np.sqrt(max(damping**2 - 1.0, 0.0))
+        constant = max(float(np.exp(point[0])), fastest * step / FASTEST)
+        rows = _responses(us, step / constant, damping)
+        found = np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0], dtype=np.float64)
+        return np.asarray(rows @ found - y), found, float(constant), damping
+
+    beginnings = [np.log([t / band, d]) for t in CONSTANTS for d in DAMPINGS]
+    first = min(beginnings, key=lambda point: float(np.sum(solved(point)[0] ** 2)))
+    ends = np.log([[CONSTANTS[0] / band, DAMPINGS[0] / 10.0], [LONGEST * step * len(y), 10.0 * DAMPINGS[-1]]])
+    best = least_squares(lambda point: solved(point)[0], np.clip(first, ends[0] + 1e-9, ends[1] - 1e-9), bounds=ends)
+    _, found, constant, damping = solved(best.x)
+    return (*found[: len(us) + 1].tolist(), constant, damping)
+
+
+def _responses(inputs: Sequence[Array], step: float, damping: float) -> Array:
+    """Of y'' = u - y - 2 d y', to each input alone, to an offset and to both initial states, (samples, inputs + 3); the
+    inputs are held.
+    """
+    law = np.array([[0.0, 1.0], [-1.0, -2.0 * damping]]), np.array([[0.0], [1.0]])
+    kept, given, *_ = cont2discrete((*law, np.eye(2), np.zeros((2, 1))), step)
+    a, b, c, d, e, f = (float(value) for value in (*kept.ravel(), *given.ravel()))
+    poles, impulse = [1.0, -a - d, a * d - b * c], np.zeros(len(inputs[0]))
+    impulse[0] = 1.0
+    driven = [lfilter([0.0, e, b * f - d * e], poles, u) for u in inputs]
+    free = [lfilter(numerator, poles, impulse) for numerator in ([1.0, -d], [0.0, b])]
+    return np.column_stack([*driven, np.ones(len(impulse)), *free])
 
 
 def _system_text(

@@ -145,18 +145,18 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
 
 
 def input_acts_as_held(record: Record, rig: Rig, every: int) -> bool | None:
-    """Whether the outputs answer a held input at its times; None where the rig's physics can't tell.
+    """Whether an output answers a held input at its times; None where the rig's physics can't tell.
 
-    A recorder that holds makes an input late, by half of the time that it holds it: the outputs answer earlier.
+    A recorder that holds makes an input late, by half of the time that it holds it: all outputs answer earlier.
     """
-    expected = expected_outputs(record, rig)
+    expected, acts = expected_outputs(record, rig), None
     for k, measured in enumerate(record.output.T if expected is not None else ()):
         assert expected is not None
         apart = time_of_change(expected[:, k])
         found = aligned(measured, expected[:, k], np.ones(record.samples, dtype=bool), apart, 8 * apart + every)
         if found.correlation > CLEAR:
-            return found.lag > -max(0.2 * every, 1.0)
-    return None
+            acts = acts or found.lag > -max(0.2 * every, 1.0)
+    return acts
 
 
 def _coherence(record: Record, output: Array) -> float:

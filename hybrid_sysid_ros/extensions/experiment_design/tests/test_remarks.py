@@ -34,13 +34,14 @@ def test_an_input_far_below_its_corner_shows_the_gain_and_not_the_lag() -> None:
     assert "lag 0.00" in lines[0]
 
 
-@pytest.mark.parametrize("gain", [0.0, 0.8])
-def test_an_output_leads_an_input_only_under_feedback(gain: float) -> None:
-    """y(k) = .9 y(k-1) + .2 u(k-1) + e(k), u(k) = r(k) - g y(k-1)."""
+@pytest.mark.parametrize("hold", [1, 25])
+@pytest.mark.parametrize("gain", [0.0, 0.4])
+def test_an_output_leads_an_input_only_under_feedback(gain: float, hold: int) -> None:
+    """y(k) = .9 y(k-1) + .2 u(k-1) + e(k), u(k) = r(k) - g y(k-1), which may be held for some samples."""
     random = np.random.default_rng(2)
-    wanted, noise = lfilter([1.0], [1.0, -0.7], random.normal(size=4000)), 0.3 * random.normal(size=4000)
-    y, u = np.zeros(4000), np.zeros(4000)
-    for k in range(1, 4000):
-        u[k] = wanted[k] - gain * y[k - 1]
+    wanted, noise = lfilter([1.0], [1.0, -0.7], random.normal(size=12000)), random.normal(size=12000)
+    y, u = np.zeros(12000), np.zeros(12000)
+    for k in range(1, 12000):
+        u[k] = u[k - 1] if k % hold else wanted[k] - gain * y[k - 1]
         y[k] = 0.9 * y[k - 1] + 0.2 * u[k - 1] + noise[k]
     assert leads(y, u) == (gain > 0.0)
