@@ -32,10 +32,12 @@ static @{name}_real number(double size)
 int main(int count, char **given)
 {
     const long calls = count > 1 ? atol(given[1]) : 1000000;
+    const uint64_t seed = count > 2 ? (uint64_t)atol(given[2]) : 0;
     double time = 0.0, scale = 1.0;
     long k;
     int j;
 
+    state += seed * 0xBF58476D1CE4E5B9u;
     if (!@{name}_init(&memory)) {
         return 1;
     }

@@ -1,16 +1,14 @@
 """hybrid-sysid export loop: a loop in C answers as in Python, and what can't be printed is refused by its name."""
 
 import json
-import os
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hybrid_sysid_ros as hs
+from benchmarks import loop_fuzz
 from hybrid_sysid_ros.extensions.export import compiler
-from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.unit import daqp_source, folder, stack_use
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.unit import affine_initial_states
@@ -18,9 +16,8 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.errors import UserError
 
-FUZZ = Path(__file__).with_name("loop_fuzz.c")
 FUZZED = 20_000
-"""Calls; the program makes a million without an argument."""
+"""Calls; ``python -m benchmarks.loop_fuzz`` makes a million of each rig's loop."""
 COMPILER = compiler.found() or ""
 needs_compiler = pytest.mark.skipif(not COMPILER, reason="needs a C compiler: cc, gcc or clang")
 
@@ -90,33 +87,34 @@ def test_a_function_that_calls_itself_has_no_bound(tmp_path):
 def test_the_beam_s_loop_in_c_is_that_of_python(tmp_path, driver):
     """With the sanitizers, and as C++."""
     rig, model = beam()
-    done = folder.export_loop(rig, model, tmp_path / "unit", settings={"real_time": True, "policy": driver}, seal="s")
+    settings = {"real_time": True, "policy": driver}
+    done = folder.export_loop(rig, model, tmp_path / "unit", settings=settings, seal="s")
     assert max(done.differences["recorded"].values()) <= (1e-9 if driver == "exact" else 1e-6)
     written = json.loads((tmp_path / "unit" / "export.json").read_text())
     assert written["largest_differences"]["recorded"] == done.differences["recorded"]
     unit, name = tmp_path / "unit", done.name
-    daqp = [str(path) for path in (unit / "daqp").glob("*.c")]
-    renamed = [f"-Dmalloc={name}_allocate", f"-Dcalloc={name}_allocate_zeros", f"-Dfree={name}_release"]
-    common = ["-I", str(unit), "-I", str(unit / "daqp"), "-g"]
-    sanitized = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    for path in daqp:
-        subprocess.run([COMPILER, "-w", "-O1", *sanitized, *renamed, *common, "-c", path], cwd=tmp_path, check=True)
-    own = [str(unit / f"{name}.c"), str(unit / f"{name}_test.c")]
-    objects = [str(path) for path in tmp_path.glob("*.o")]
-    subprocess.run([COMPILER, "-std=c99", "-O1", *sanitized, *common, *own, *objects, "-lm"], cwd=tmp_path, check=True)
+    objects = loop_fuzz.sanitized_objects(unit, name, tmp_path)
+    common = ["-I", str(unit), "-I", str(unit / "daqp")]
+    own = [str(unit / f"{name}_test.c"), *map(str, objects), "-lm"]
+    subprocess.run([COMPILER, "-std=c99", *loop_fuzz.SANITIZED, *common, *own], cwd=tmp_path, check=True)
     ran = subprocess.run([str(tmp_path / "a.out")], capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
     assert f"0 of {folder.SHOWN} periods wrong" in ran.stdout
-    bounds = {"low": "-10.0", "high": "10.0", "period": "0.005"}  # of the beam's motor [V], and between samples [s]
-    fuzz = Text(FUZZ.read_text()).substitute(name=name, NAME=name.upper(), about="", **bounds)
-    (tmp_path / "fuzz.c").write_text(fuzz)
-    made = [own[0], str(tmp_path / "fuzz.c"), *objects, "-lm", "-o", "fuzz"]
-    subprocess.run([COMPILER, "-std=c99", "-O1", *sanitized, *common, *made], cwd=tmp_path, check=True)
-    asked = [str(tmp_path / "fuzz"), str(FUZZED)]
-    ran = subprocess.run(asked, capture_output=True, text=True, check=False)
-    assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
-    as_cpp = [COMPILER, "-x", "c++", "-std=c++11", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", *common, own[0]]
-    assert os.path.exists(own[0])
+    loop = loop_in_python(rig, model, settings)
+    said = loop_fuzz.fuzzed(unit, name, loop, objects, calls=FUZZED, seed=0)
+    assert said.startswith(f"{FUZZED} calls: every input")
+    as_cpp = [
+        COMPILER,
+        "-x",
+        "c++",
+        "-std=c++11",
+        "-fsyntax-only",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        *common,
+        str(unit / f"{name}.c"),
+    ]
     subprocess.run(as_cpp, check=True)
     symbols = subprocess.run(["nm", "-u", *objects], capture_output=True, text=True, check=True).stdout
     assert not {"malloc", "calloc", "realloc", "free"} & {line.split()[-1] for line in symbols.splitlines() if line}
