@@ -32,17 +32,20 @@ def law(rig: Rig, reference: float, filtered: float) -> float:
     return float(np.clip(error, -rig.actuators[0].high, rig.actuators[0].high))
 
 
-def driven(rig=RIG, *, amplitude=4.0, duration=4.0) -> Record:
-    """The noiseless rig under its own controller, tick by tick: .1 s at rest, then a multisine."""
+def driven(rig=RIG, *, amplitude=4.0, duration=4.0, error=0.0) -> Record:
+    """The noiseless rig under its own controller, tick by tick: .1 s at rest, then a multisine, which the sensor shows
+    with an error.
+    """
     ticks = round(duration / rig.step) + 1
     time = rig.step * np.arange(ticks)
     moving = multisine(3, amplitude=amplitude, low=0.2, high=2.0, lines=12, period=duration)(time)
     reference = rig.display[0].si(np.where(time < 0.1, 0.0, moving))
-    plant = Plant(rig, seed=0, noisy=False)
+    plant, wrong = Plant(rig, seed=0, noisy=False), LowPassFilter(rig.sensors[0].low_pass, rig.step)
     rows = []
     for k in range(ticks):
         seen = plant.measure()
-        u = law(rig, reference[k], seen.filtered[0])
+        u = law(rig, reference[k], seen.filtered[0] + wrong.value)
+        wrong.advance(error if time[k] >= 0.1 else 0.0)
         rows.append((seen.outputs[0], seen.filtered[0], u))
         plant.advance(u)
     position, filtered, u = np.array(rows).T
@@ -241,3 +244,10 @@ def test_a_loop_with_an_integral_part_is_not_done_again_without_it(loop):
     slow = dataclasses.replace(experiments, loops={0: dataclasses.replace(experiments.loops[0], integral=0.01)})
     with pytest.raises(UserError, match="integral"):
         resimulate(RIG.system, loop, dataclasses.replace(RIG, experiments=slow), sampling=EXACT)
+
+
+def test_an_error_of_the_output_goes_round_the_loop(loop):
+    error = np.where(loop.time < 0.1, 0.0, 0.01)
+    again = resimulate(RIG.system, loop, RIG, sampling=EXACT, output_error=error)
+    np.testing.assert_allclose(again.simulated, driven(error=0.01).output[:, 0], atol=1e-9)
+    assert np.ptp(again.simulated - loop.output[:, 0]) > 0.005

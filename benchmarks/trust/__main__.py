@@ -51,6 +51,12 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("width of the narrowest", part["width"], f"<= {bands.WIDEST:g}", part["width"] <= bands.WIDEST))
         held = part["ahead_90"]
         made.append(("predictions ahead in 90 % bands", held, f"{low:g} to {high:g}", low <= held <= high))
+        held = part["loop_90"]
+        made.append(("forecast loops in 90 % bands", held, f"{low:g} to {high:g}", low <= held <= high))
+        least = part["loop_least"]
+        made.append(("of the worst loop", least, f">= {bands.LEAST:g}", least >= bands.LEAST))
+        wide = part["loop_width"]
+        made.append(("width of the narrowest, loops", wide, f"<= {bands.WIDEST:g}", wide <= bands.WIDEST))
         limit = bands.SLOWEST
         made.append(("time of bands [free runs]", part["free_runs"], f"<= {limit:g}", part["free_runs"] <= limit))
     elif "bands" in found:

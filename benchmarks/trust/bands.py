@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.horizon_bands.horizon_bands import horizon_bands
-from hybrid_sysid_ros.identification import free_run, identify
+from hybrid_sysid_ros.extensions.loop_bands.loop_bands import loop_bands
+from hybrid_sysid_ros.identification import Part, free_run, identify
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.fit import PreparedRecord
-from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.rigs.rig import Rig, load
 from studies.beam_lecture import lecture
 
 STRUCTURE = "gray"
@@ -56,6 +58,7 @@ def measured() -> dict[str, Any]:
                 "narrowest": float(np.quantile(np.abs(errors), 0.9)),
                 "mean_error": float(errors.mean()),
                 **_ahead(model, experiment),
+                **_loop(model, record, rig, part),
             }
             begun = time.perf_counter()
             for _ in range(REPEATED):
@@ -76,6 +79,22 @@ def measured() -> dict[str, Any]:
         "ahead_50": float(np.mean([row["ahead_50"] for row in rows])),
         "ahead_least": min(row["ahead_90"] for row in rows),
         "ahead_width": float(np.mean([row["ahead_width"] for row in rows])),
+        "loop_90": float(np.mean([row["loop_90"] for row in rows])),
+        "loop_50": float(np.mean([row["loop_50"] for row in rows])),
+        "loop_least": min(row["loop_90"] for row in rows),
+        "loop_width": sum(row["loop_half"] for row in rows) / sum(row["loop_narrowest"] for row in rows),
+    }
+
+
+def _loop(model: Model, record: Record, rig: Rig, part: Part) -> dict[str, float]:
+    """Of the loop that is done again, the shares that bands hold, half of their mean width, and the narrowest."""
+    found = loop_bands(model, record, rig, part=part)
+    assert found is not None
+    return {
+        "loop_50": found.held[0.5],
+        "loop_90": found.held[0.9],
+        "loop_half": float(found.halves[0.9].mean()),
+        "loop_narrowest": float(np.quantile(np.abs(found.measured - found.forecast), 0.9)),
     }
 
 

@@ -20,6 +20,7 @@ NEIGHBOURS = {
     "frequency_response": ("frequency-response",), "friction_atlas": ("friction", "--beside"),
     "fuzzy": ("takagi_sugeno", "difnn"), "importing": ("import", "rig from"), "input_bias": ("--adapt",),
     "graph": ("get", "set", "call", "topics", "nodes"), "horizon_bands": ("--ahead",),
+    "loop_bands": ("--loop",),
     "narx": ("narx", "residual"), "native": ("--body", "--native"),
     "pages": ("docs",),
     "playback": ("play", "replay", "player"), "policies": ("policy train", "policy certify"),

@@ -94,7 +94,7 @@ def band_calibration(
         for block in blocks:
             apart[block.record][block.samples] = free_run_of(block.system, experiments[block.record])[block.samples]
         pairs = zip(experiments, apart, strict=True)
-        signed = [_bounded(item.outputs - run, item.outputs)[item.scored] for item, run in pairs]
+        signed = [bounded_errors(item.outputs - run, item.outputs)[item.scored] for item, run in pairs]
     given = list(zip(experiments, firsts, runs, strict=True))
     drawn = np.concatenate([_drawn(system, item, known, *of)[item.scored] for item, *of in given])
     offsets = OFFSET * known.spans
@@ -126,9 +126,7 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     calibration = model.note("bands")
     if not calibration or not all(set(FLOOR) <= set(item) for item in calibration["outputs"].values()):
         return []
-    system, ranges = model.system, [model.training_range[item.name] for item in model.system.inputs]
-    spans = np.array([high - low for low, high in ranges])
-    known = Uncertainty(names=model.names, covariance=model.covariance, spans=spans)
+    system, known = model.system, uncertainty_of(model)
     first = initial_state(system, experiment)
     run = free_run_of(system, experiment, first)
     drawn = _drawn(system, experiment, known, first, run)
@@ -138,6 +136,13 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     deviation = np.sqrt((growth * floor) ** 2 + drawn)
     widths = [np.array([float(item["widths"][f"{level:g}"]) for item in own]) for level in LEVELS]
     return [Band(level=level, run=run, half=deviation * width) for level, width in zip(LEVELS, widths, strict=True)]
+
+
+def uncertainty_of(model: Model) -> Uncertainty:
+    """What is not known of a model."""
+    ranges = [model.training_range[item.name] for item in model.system.inputs]
+    spans = np.array([high - low for low, high in ranges])
+    return Uncertainty(names=model.names, covariance=model.covariance, spans=spans)
 
 
 def excursion_of(values: Array, centre: Array | float) -> Any:
@@ -185,11 +190,11 @@ def _moved_by(system: System, experiment: PreparedRecord, offsets: Array, first:
 
 def _squares(others: Sequence[Array], run: Array, experiment: PreparedRecord) -> Array:
     """Mean squares of the differences of other runs from a run, (samples, outputs)."""
-    squares = [_bounded(other - run, experiment.outputs) ** 2 for other in others]
+    squares = [bounded_errors(other - run, experiment.outputs) ** 2 for other in others]
     return np.mean(squares, axis=0) if squares else np.zeros_like(run)
 
 
-def _bounded(errors: Array, outputs: Array) -> Array:
+def bounded_errors(errors: Array, outputs: Array) -> Array:
     """Errors (samples, outputs) of a run, which one that goes astray leaves as large as all that the record has."""
     most = np.ptp(outputs, axis=0)
     return np.asarray(np.clip(np.nan_to_num(errors, nan=np.inf), -most, most))

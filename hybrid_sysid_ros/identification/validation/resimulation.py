@@ -46,6 +46,8 @@ class Resimulation:
     name: str
     time: Array
     """Times of the model's steps, or of the record's samples where these are longer, (samples,) [s]."""
+    measured: Array
+    """Output in the record, in its unit, (samples,)."""
     simulated: Array
     """Simulated output in its unit, (samples,)."""
     simulated_input: Array
@@ -54,7 +56,10 @@ class Resimulation:
     input: Scores
 
 
-def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Resimulation:
+def resimulate(
+    system: System, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE,
+    output_error: Array | None = None,
+) -> Resimulation:  # fmt: skip
     """Repeat an experiment of a rig on a model: u = clip(gain (reference - yf), +-limit).
 
     yf is the output behind the low-pass of the rig's sensor. Reference and initial state come from the record;
@@ -66,6 +71,8 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     in its fit. Since each needs the other, a step longer than the rig's is iterated SWEEPS times, at first with a
     constant output; the output within a step reaches the input only through six integrations. The filter begins in
     steady state at the record's filtered position; before a part within the record it processes the measured output.
+    output_error: what its sensor adds to the simulated output, (samples,); an error behind the filter acts as a
+    reference that is as much lower.
 
     Raises UserError where the record has no reference or was driven by another controller, the rig has more than one
     input or output, the step is no multiple of the rig's, or the record does not fit the sampling.
@@ -87,6 +94,11 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     experiment = prepare(used, system, grid)
     steps = len(experiment.inputs)
     reference = _reference(used, rig, steps * ticks)
+    if output_error is not None:
+        seen, ticks_of = LowPassFilter(filtered, rig.step), rig.step * np.arange(len(reference))
+        seen.reset(float(output_error[0]))
+        samples_of = grid.period * np.arange(len(output_error))
+        reference = reference - _through(seen, np.interp(ticks_of, samples_of, output_error))
     outputs, applied = np.empty(steps + 1), np.empty(steps)
     low_pass = _settled(LowPassFilter(filtered, rig.step), record, rig, part.first(record, sampling))
     functions = compiled(system)
@@ -277,6 +289,7 @@ def _compared(name: str, experiment: PreparedRecord, simulated: Array, applied: 
     return Resimulation(
         name=name,
         time=np.asarray(experiment.sampling.period * np.arange(experiment.samples), dtype=float),
+        measured=measured,
         simulated=simulated,
         simulated_input=again,
         output=score(measured, simulated),

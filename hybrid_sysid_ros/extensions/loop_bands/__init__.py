@@ -1,0 +1,1 @@
+"""Bands of closed loops that are forecast from their commands."""
