@@ -31,6 +31,7 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("rate", "W[KO]o?Q"),
     ("at", "WQ(?:o[KO])?"),
     ("later", "I?QE"),
+    ("to", "T(?:KoO|KO|OK|K|O)o?Q"),
     ("to", "TQ(?:o?[KO])?"),
     ("often", "QeQ"),
     ("by", "YQ(?:o?[KO])?"),
@@ -212,7 +213,7 @@ class _Matcher:
 
     def without_meaning(self, at: int) -> str:
         symbol = self.part[at]
-        before = " ".join(each.text for each in self.part[max(0, at - 2) : at])
+        before = " ".join(dict.fromkeys(each.text for each in self.part[max(0, at - 2) : at]))
         where = f"after {before!r}" if before else "at the beginning"
         return f"{symbol.text!r} has no meaning {where}: leave it out, or say for example 'go to 1 {self.example}'"
 

@@ -165,6 +165,8 @@ class Draft:
         output = self.outputs[k]
         slack = 1e-9 * (output.high - output.low)
         if not output.low - slack <= value <= output.high + slack:
+            if not output.moves:
+                raise UserError(f"{output.name} has no set-points in the rig's file: leave it out")
             about = self.vocabulary.rig.system.operating_point.get(output.name, 0.0) / output.scale
             counted = f", counted from {about:.6g} {output.unit}" if about else ""
             if about and output.low <= value - about <= output.high:

@@ -258,6 +258,8 @@ class Meaning(Goals):
         paces = [given for given in (self.pace, seconds and "a time", rate and "a rate") if given]
         if len(paces) > 1:
             raise UserError(f"{paces[0]} and {paces[1]} contradict one another: leave one out")
+        if shape == "step" and paces and self.pace != "quickly":
+            raise UserError(f"a step takes no time, so {paces[0]} says nothing: say 'ramp to', or 'in 3 s step to'")
         shared = [item.unit for item in self.left if item.role == "to"]
         if begin is not None and begin.unit is None and shared:
             begin = replace(begin, unit=shared[0])

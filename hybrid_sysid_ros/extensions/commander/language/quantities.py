@@ -99,6 +99,10 @@ class QuantityReader:
         if k >= len(self.tokens):
             return False
         spoken = {**self.lexicon.table["numbers"], **self.lexicon.table["signs"]}
+        at, self.at = self.at, k
+        share, self.at = self.share_of_a_unit(), at
+        if share or self.longest(self._spelled(), skip=1):  # "half a metre", "a hundred"
+            return True
         return self.tokens[k].kind == "number" or self.words[k] in spoken or self._point_here(k)
 
     def _point_here(self, k: int) -> bool:

@@ -24,8 +24,16 @@ TOKEN = re.compile(
     )""",
     re.VERBOSE,
 )
+TIMED = "wait|pause|hold|stay|in|within|for|after|every|over|of|half|just|about|takes?|then|and"
+"""Words after which "a second" is a time, and no rate."""
 PHRASES = (
-    (re.compile(r"\b(?:per|a|por)\s+sec(?:ond)?s?\b|\bpor\s+segundo\b", re.I), "/s "),
+    (re.compile(r"\btimes\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I), " Hz "),
+    (
+        re.compile(r"\b(?:(once)|twice)\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I),
+        lambda match: f" at {2 - bool(match[1])} Hz ",
+    ),
+    (re.compile(r"\b(?:per|por)\s+sec(?:ond)?s?\b|\bpor\s+segundo\b", re.I), "/s "),
+    (re.compile(rf"\b(?!(?:{TIMED})\b)([^\W\d_]+|%)\s+a\s+sec(?:ond)?s?\b", re.I), r"\1/s "),
     (re.compile(r"\bper\s+min(?:ute)?s?\b|\bpor\s+minuto\b", re.I), "/min "),
     (re.compile(r"\bper\s+h(?:our)?\b|\bpor\s+hora\b", re.I), "/h "),
     (re.compile(r"(?<=\w)\s*/\s*(s|min|h|seg)\b", re.I), lambda match: "/" + match[1].lower().replace("seg", "s")),
@@ -109,8 +117,9 @@ class _Reader(QuantityReader):
         candidates = (after_number and units) or own or candidates
         meanings = {single.get((each,), self.lexicon.units.get((each,), each)) for each in candidates}
         refused = any(kind == "!" for each in candidates for kind, _ in self.lexicon.meanings.get((each,), ()))
-        if len(meanings) == 1 and not refused:
-            return candidates[0]
+        a_number = any(each in self.lexicon.table["numbers"] for each in candidates)
+        if len(meanings) == 1 and not refused and not a_number:
+            return candidates[0]  # a number is asked for, not guessed: "even" is no seven
         for place in range(len(self.words)):  # a negation says more than a word that nobody knows
             count = self.lexicon.longest(self.lexicon.meanings, self.words[place:])
             said = tuple(self.words[place : place + count])

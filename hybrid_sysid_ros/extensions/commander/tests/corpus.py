@@ -276,7 +276,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     (CONE, "height to 500 m and speed to 10 m/s", [{"do": "smooth", "to": {"height": 500, "speed": 10}}]),
     (CONE, "set height to 500 m and speed to 10 m/s", [{"do": "smooth", "to": {"height": 500, "speed": 10}}]),
     (CONE, "go to 300 m at 10 m/s", Refused("or a value of its own")),  # of climb, or speed
-    (CONE, "hold 3 degrees", Refused("reach")),  # of the path angle, which its references leave at 0
+    (CONE, "hold 3 degrees", Refused("no set-points")),  # of the path angle, which its references leave at 0
     (CONE, "hold 5 %", Refused("which output")),
     (CONE, "set angle_of_attack to 1 degree", Refused("steered")),
     (CONE, "set height to 20 m/s", Refused("height")),
@@ -363,4 +363,21 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "ramp 2 V in 4 s", Refused("to that value, or by it")),
     (BEAM, "step to 1 V, then 2 V", [step(1), step(2)]),
     (BEAM, "when it is above 1 V go to 0", Refused("say")),  # which may be so already: "reaches" is a crossing
+    # A value behind its name, a time behind "a", and words that no slip may change.
+    (WHEEL, "go to a speed of 100 rpm", [go(100, "speed")]),
+    (BEAM, "bring it to a position of 2 V", [go(2, "position")]),
+    (CONE, "go to height 100 m and a speed of 5 m/s", [{"do": "smooth", "to": {"height": 100, "speed": 5}}]),
+    (BEAM, "vá para uma posição de 2 V em 3 s", [go(2, "position", seconds=3)]),
+    (CONE, "go to a height of 5 m/s", Refused("is no height")),
+    (CONE, "go to a path angle of 1 degree", Refused("no set-points")),
+    (BEAM, "go to 1 V, wait a second, and go back to 0", [go(1), wait(1), go(0)]),
+    (BEAM, "ramp to 2 V in half a second", [ramp(2, seconds=0.5)]),
+    (BEAM, "ramp to 2 V at one volt a second", [ramp(2, rate=1)]),
+    (BEAM, "swing between 0 V and 1 V twice a second for 5 s", [swing(0, 1, 2, 5)]),
+    (WHEEL, "go to minus a hundred rpm", [go(-100)]),
+    (BEAM, "go to minus half a volt", [go(-0.5)]),
+    (BEAM, "step to 2 V in 3 s", Refused("takes no time")),
+    (BEAM, "step to 2 V slowly", Refused("takes no time")),
+    (BEAM, "go to even V", Refused("did you mean seven")),
+    (BEAM, "go to 50 % of the minimum", Refused("bound")),
 ]
