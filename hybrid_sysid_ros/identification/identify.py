@@ -64,6 +64,9 @@ def identify(
     if rig.experiments.stabiliser is not None:
         check_sampling(sampling, f"identification of {rig.name}")
     found = structure_of(structure, rig.system, rig.structures)
+    without = f"criterion {criterion}: structure {structure} fits no physics alone: take a gray box, or hybrid"
+    if criterion != "simulation" and not found.box:
+        raise UserError(without)
     given: dict[str, Any]
     if sampling.input == "auto":
         given = {"part": part, "options": options, "seed": seed, "progress": progress, "refine": refine}
@@ -80,9 +83,7 @@ def identify(
         if not isinstance(fitted, Fit):
             raise TypeError(f"its fit gave {fitted!r}, which is no Fit")
     if criterion != "simulation" and criterion not in fitted.notes:
-        raise UserError(
-            f"criterion {criterion}: structure {structure} fits no physics alone: take a gray box, or hybrid"
-        )
+        raise UserError(without)
     if refine and found.is_gray_box:
         context, fitted = _refined(context, fitted)
     return _model(records, parts, structure, context, fitted, leave_out=refine)

@@ -110,5 +110,7 @@ def test_what_has_no_filter_is_refused(rig: Rig) -> None:
     ):
         with pytest.raises(UserError, match=f"criterion prediction: .*{reason}"):
             identify([record], rig, "gray", sampling=SAMPLING, options=options, criterion="prediction")
+    with pytest.raises(UserError, match="fits no physics alone"):  # before any fit, for which the record is too short
+        identify([record.between(0, 3)], rig, "black_box", sampling=SAMPLING, criterion="prediction")
     with pytest.raises(UserError, match="criterion predicton"):
         identify([record], rig, "gray", sampling=SAMPLING, criterion="predicton")
