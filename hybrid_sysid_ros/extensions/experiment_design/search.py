@@ -12,7 +12,7 @@ from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.extensions.experiment_design.information import cornered, run_of
 from hybrid_sysid_ros.extensions.experiment_design.looped import looped
 from hybrid_sysid_ros.extensions.experiment_design.segments import REST, PlanSegment, SegmentLibrary
-from hybrid_sysid_ros.identification.validation.bands import Uncertainty, drawn_systems
+from hybrid_sysid_ros.identification.validation.bands import drawn_systems, uncertainty_of
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -32,6 +32,8 @@ POINTS, SLACK = 3, 0.05
 """Systems at which a criterion is taken, the model and two draws that mirror each other, so that an experiment suits
 what the model could be as well; and by how much it may grow at the model. Secants cover this by themselves.
 """
+ASTRAY = 1e6
+"""In the largest output of training: beyond, a system does not run."""
 SHARE = 0.1
 """Of the rate of samples, those that drive or those that a fit sees, up to which frequencies are tried."""
 DesignCriterion = Callable[[System, Array], float]
@@ -60,11 +62,16 @@ class Bench:
                 f"{self.rig.name} is driven by a feedback or a stabiliser, under which no experiment is designed: "
                 "write the commands by hand (experiments in rig.yaml)"
             )
-        known = Uncertainty(
-            names=self.model.names, covariance=self.model.covariance, spans=np.zeros(len(self.model.system.inputs))
-        )
-        plain = [self.model.system, *drawn_systems(self.model.system, known, DRAWS)]
-        object.__setattr__(self, "systems", plain)
+        drawn = drawn_systems(self.model.system, uncertainty_of(self.model), DRAWS)
+        pairs = [pair for pair in zip(drawn[::2], drawn[1::2], strict=True) if all(map(self._runs, pair))]
+        object.__setattr__(self, "systems", [self.model.system, *(system for pair in pairs for system in pair)])
+
+    def _runs(self, system: System) -> bool:
+        """Whether a system runs at the model's step: one with a mode that is too fast for it is none that could be."""
+        given = np.tile(sum(self.spans), (self.steps, 1))
+        ranges = [self.model.training_range[item.name] for item in system.outputs]
+        most = ASTRAY * max(abs(end) for pair in ranges for end in pair)
+        return bool((np.abs(self.run(system, given)[1]) <= most).all())
 
     @property
     def sampling(self) -> Sampling:
@@ -73,7 +80,7 @@ class Bench:
     @property
     def points(self) -> int:
         """Systems at which a criterion is taken."""
-        return 1 if cornered(self.model.system) else POINTS
+        return 1 if cornered(self.model.system) else min(POINTS, len(self.systems))
 
     @property
     def fastest(self) -> float:

@@ -292,7 +292,9 @@ def _values_text(
         sensors[item.name] = {**shown, **({"white_noise": float(f"{noise:.3g}")} if noise > 0.0 else {})}
     for item in inputs:
         low, high, room = item.values.min(), item.values.max(), ROOM * np.ptp(item.values)
-        actuators[item.name] = {"low": float(f"{low - room:.3g}"), "high": float(f"{high + room:.3g}")}
+        lowest = low - room if low < 0.0 else max(low - room, 0.0)  # a pump that never turned round does not
+        highest = high + room if high > 0.0 else min(high + room, 0.0)
+        actuators[item.name] = {"low": float(f"{lowest:.3g}"), "high": float(f"{highest:.3g}")}
     content = {
         "step": step, "sensors": {name: value for name, value in sensors.items() if value}, "actuators": actuators,
         "demo": {"step": step, "period": step},
@@ -302,6 +304,7 @@ def _values_text(
     )
     return (
         f"# Made of {file.path.name}: a rig for identification alone; docs/guides/rig-file.md describes all sections.\n"
-        "# actuators: the record's limits and a quarter more; put the real ones. demo: step and period [s] of fits.\n"
+        "# actuators: the record's limits and a quarter more, on their side of 0; put the real ones.\n"
+        "# demo: step and period [s] of fits.\n"
         f"# Where the motion ends, say so: travel: {{STATE: [low, high]}}.\n{text}"
     )

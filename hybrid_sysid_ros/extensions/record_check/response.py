@@ -155,7 +155,7 @@ def input_acts_as_held(record: Record, rig: Rig, every: int) -> bool | None:
         apart = time_of_change(expected[:, k])
         found = aligned(measured, expected[:, k], np.ones(record.samples, dtype=bool), apart, 8 * apart + every)
         if found.correlation > CLEAR:
-            acts = acts or found.lag > -max(0.2 * every, 1.0)
+            acts = acts or found.lag > -max(0.25 * every, 1.0)
     return acts
 
 

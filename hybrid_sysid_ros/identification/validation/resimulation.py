@@ -77,9 +77,9 @@ def resimulate(
     Raises UserError where the record has no reference or was driven by another controller, the rig has more than one
     input or output, the step is no multiple of the rig's, or the record does not fit the sampling.
     """
-    ticks = rig.steps(sampling.step, "re-simulation: the model's step")
     if not rig.experiments.loops:
         raise UserError(f"rig {rig.name} has no loop (experiments.loops) to re-simulate")
+    ticks = rig.steps(sampling.step, "re-simulation: the model's step")
     if len(system.inputs) != 1 or len(system.outputs) != 1:
         raise UserError(f"only loops of one input and output are re-simulated; {rig.name} has more")
     filtered = _low_pass(rig)

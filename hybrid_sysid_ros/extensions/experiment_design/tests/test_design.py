@@ -50,10 +50,11 @@ def rig(**changes: Any) -> Rig:
     return rig_of(ValveLag(), step=STEP, limit=1.0, sensors={"level": Sensor(unit="m", white_noise=NOISE)}, **changes)
 
 
-def model(*, deviation: float = 0.1) -> Model:
+def model(*, deviation: float = 0.1, step: float = STEP) -> Model:
     return Model(
-        rig="toy", structure="gray", system=ValveLag(), sampling=Sampling(step=STEP, period=STEP),
-        names=("gain", "lag"), covariance=np.diag([deviation**2, deviation**2]), training_range={},
+        rig="toy", structure="gray", system=ValveLag(), sampling=Sampling(step=step, period=step),
+        names=("gain", "lag"), covariance=np.diag([deviation**2, deviation**2]),
+        training_range={"valve": (-1.0, 1.0), "level": (-GAIN, GAIN)},
     )  # fmt: skip
 
 
@@ -146,6 +147,15 @@ def test_a_loop_s_inputs_are_those_that_it_would_give() -> None:
     assert inputs[-1, 0] == pytest.approx(outputs[-1, 0] / GAIN, rel=1e-3)
     saturated, _ = bench.run(ValveLag(), np.full((800, 1), 9.0))
     assert saturated.max() == 1.0
+
+
+def test_what_is_too_fast_for_the_model_s_step_is_none_that_could_be() -> None:
+    """A step of 0.2 s bears lags down to 0.07 s, and a deviation of 4 s leaves 0.05 s open, the lowest bound."""
+    wide = Bench(model=model(deviation=4.0, step=0.2), rig=rig(), seconds=60.0, period=0.2, amplitude=0.9)
+    assert all(system.named["lag"] > 0.07 for system in wide.systems)
+    assert len(Bench(model=model(), rig=rig(), seconds=60.0, period=STEP, amplitude=0.9).systems) > len(wide.systems)
+    found = designed(wide.model, rig(), seconds=20.0, period=0.2)
+    assert np.all(found.after < found.before)
 
 
 def test_what_can_not_be_designed_for_is_refused() -> None:

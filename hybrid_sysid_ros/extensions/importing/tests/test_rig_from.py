@@ -75,6 +75,19 @@ def test_two_files_of_one_record_are_joined(program, tmp_path, monkeypatch):
     np.testing.assert_allclose(record.input[:-1, 0], inputs[:-1])
 
 
+@pytest.mark.parametrize(("offset", "limits"), [(0.0, (-1.5, 1.5)), (1.0, (0.0, 2.5)), (-3.0, (-4.5, -1.5))])
+def test_limits_have_room_on_their_side_of_zero(program, tmp_path, monkeypatch, offset, limits):
+    monkeypatch.chdir(tmp_path)
+    times, inputs, outputs = response(0.02)
+    table = np.column_stack([times, offset + inputs, outputs])
+    np.savetxt("log.csv", table, delimiter=",", header="time,u,y", comments="")
+    name = f"./pump_{offset:+.0f}".replace("-", "minus_").replace("+", "")
+    status, _, error = program("rig", "from", "log.csv", name)
+    assert status == 0, error
+    actuator = hs.load_rig(name).actuators[0]
+    assert (actuator.low, actuator.high) == pytest.approx(limits, abs=0.1)
+
+
 def test_the_equation_of_two_devices_is_found_by_their_own_times(program, tmp_path, monkeypatch):
     """The second one counts hours, and began later."""
     monkeypatch.chdir(tmp_path)
