@@ -12,7 +12,7 @@ import yaml
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.folder import names
-from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration, parameters
 from hybrid_sysid_ros.runtime.configuration import NodeParameter
 from hybrid_sysid_ros.support.errors import UserError
@@ -108,6 +108,12 @@ def test_parameters_are_followed_by_a_pattern_of_their_names(rig: Rig) -> None:
     scales = configuration.estimator_tuning(values | {"followed": "scale_*=0.01"}, rig, model)
     with pytest.raises(UserError, match=r"no parameter scale_\*"):
         scales.checked(model)
+
+
+def test_a_state_that_a_disturbance_moves_stays_within_its_reach() -> None:
+    rig = load("drill_string")
+    tuning = configuration.estimator_tuning(configuration.defaults(rig.name, "estimator"), rig)
+    assert tuning.state_limit == (math.inf, math.inf, math.inf, rig.disturbances[3].numbers["amplitude"])
 
 
 def test_a_model_that_holds_at_one_step_is_predicted_by_its_own(rig: Rig) -> None:

@@ -141,8 +141,23 @@ def copy_matrix(source: Array, target: Array) -> None:
 def clip_state(core: Any, mean: Array) -> None:
     """Limit states to their bounds."""
     low, high = numbers_at(core.low), numbers_at(core.high)
-    for i in range(core.states, mean.shape[0]):
+    for i in range(mean.shape[0]):
         mean[i] = min(max(mean[i], low[i]), high[i])
+
+
+@inner
+def confine(core: Any, root: Array) -> None:
+    """Limit the deviation of each state to the one that is uniform between its bounds, (high - low) / sqrt(12)."""
+    low, high = numbers_at(core.low), numbers_at(core.high)
+    for i in range(core.states):
+        width, square = high[i] - low[i], 0.0
+        if width < math.inf:
+            for j in range(root.shape[1]):
+                square += root[i, j] * root[i, j]
+            if 12.0 * square > width * width:
+                share = width / math.sqrt(12.0 * square)
+                for j in range(root.shape[1]):
+                    root[i, j] *= share
 
 
 @inner

@@ -210,8 +210,10 @@ def _known(system: System, tuning: Tuning, hums: list[int]) -> dict[str, Array]:
     per_second[:first] = [*tuning.process_noise, *tuning.disturbance_noise]
     per_second[first:tail] = np.repeat([tuning.hum_noise[output] for output in hums], 2)
     per_second[tail:] = [*tuning.followed.values()]
-    start[:n], start[n:] = tuning.initial_deviation, 10.0 * per_second[n:]
+    start[:n] = np.minimum(tuning.initial_deviation, np.array(tuning.state_limit) / math.sqrt(3.0))
+    start[n:] = 10.0 * per_second[n:]
     start[first:tail] = np.repeat([tuning.hum_amplitude[output] for output in hums], 2)
+    low[:n], high[:n] = -np.array(tuning.state_limit), tuning.state_limit
     low[n:first], high[n:first] = -np.array(tuning.disturbance_limit), tuning.disturbance_limit
     low[tail:] = [system.parameters[index].low for index in chosen]
     high[tail:] = [system.parameters[index].high for index in chosen]

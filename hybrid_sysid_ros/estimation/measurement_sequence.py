@@ -17,6 +17,7 @@ from hybrid_sysid_ros.estimation.belief import (
     INITIALISED,
     USED,
     clip_state,
+    confine,
     copy,
     copy_matrix,
     correct,
@@ -225,6 +226,7 @@ def replay(
             copy_matrix(root_of(core, before), root)
             count_on(readings, before, row)
             predict(core, mean, root, u, moments[k].time - moments[k - 1].time)
+            confine(core, root)
         else:  # the initial belief
             for c in range(core.channels):
                 if readings[row, c].fate == USED:

@@ -45,6 +45,10 @@ class Tuning:
     """Initial deviation of each state without a sensor, (n,) [state unit]; by default that of its process noise after
     100 s.
     """
+    state_limit: Numbers = (math.inf,)
+    """Largest magnitude of each state, (n,) [state unit]. The filters' estimates of it are at least as sure as that it
+    may be anything within, also where no measurement has shown it for long.
+    """
     gate: float = 25.0
     """Largest normalised squared innovation of a measurement that is used."""
     patience: int = 5
@@ -81,6 +85,7 @@ class Tuning:
             hum_amplitude=_each("hum_amplitude", self.hum_amplitude, system.outputs, "output"),
             hum_noise=_each("hum_noise", self.hum_noise, system.outputs, "output"),
             initial_deviation=_each("initial_deviation", initial, system.states, "state"),
+            state_limit=_each("state_limit", self.state_limit, system.states, "state", above=True),
         )
 
     def _check_followed(self, system: System) -> None:
@@ -109,7 +114,7 @@ def _each(name: str, given: Numbers, of: Sequence[Variable], what: str, *, above
         names = ", ".join(item.name for item in of)
         raise UserError(f"{name} has {len(values)} entries for {len(of)} {what}s: {names}; give one for each, or one")
     for item, value in zip(of, values, strict=True):
-        if not (value > 0.0 if above else value >= 0.0) or (value == math.inf and name != "disturbance_limit"):
+        if not (value > 0.0 if above else value >= 0.0) or (value == math.inf and not name.endswith("_limit")):
             least = "must be above 0" if above else "must be at least 0"
             raise UserError(f"{name} of {what} {item.name} is {value:g}: it {least}")
     return values

@@ -206,6 +206,11 @@ class Excitation:
         return ""
 
     @property
+    def largest(self) -> float:
+        """The largest magnitude that its numbers name."""
+        return max(abs(self.numbers.get(name, 0.0)) for name in ("first", "level", "amplitude"))
+
+    @property
     def endless(self) -> bool:
         """Whether the signal never ends."""
         parameters = inspect.signature(KINDS[self.kind]).parameters

@@ -105,6 +105,7 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None 
 
     system: the estimator's model, by default the rig's system. Among states that only the model has, offsets drift as
     the rig declares, states without a unit, such as hidden units of a network, by OWN_NOISE, and others don't drift.
+    A state that a disturbance of the rig moves stays within what that reaches.
     Raises UserError where `followed` is no list of NAME=DRIFT.
     """
     system, camera = system or rig.system, rig.display[0].scale * values["camera_noise"]
@@ -118,9 +119,11 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None 
 
     noise = listed(values, "process_noise", "parameter", states)
     drifts = dict(zip((item.name for item in rig.system.states), noise, strict=True)) | offset_drifts(rig)
+    reaches = {rig.system.declared_states[k].name: item.largest for k, item in rig.disturbances.items()}
     return Tuning(
         measurement_noise=of_outputs("measurement_noise"),
         process_noise=tuple(drifts.get(item.name, 0.0 if item.unit else OWN_NOISE) for item in system.states),
+        state_limit=tuple(reaches.get(item.name, math.inf) for item in system.states),
         disturbance_noise=of_inputs("disturbance_noise"),
         disturbance_limit=of_inputs("disturbance_limit"),
         hum_hertz=listed(values, "hum_hertz", "parameter", outputs),
