@@ -13,9 +13,9 @@ from hybrid_sysid_ros.extensions.vision.reading.feature_tracker import (
     BESIDE,
     FEWEST,
     FeatureTracker,
-    is_flat,
     moved,
     standing_features,
+    tell_lens,
     wide,
 )
 from hybrid_sysid_ros.support.arrays import Array
@@ -91,7 +91,8 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
     picture of the film.
 
     Features of one picture are followed to each other one (Lucas and Kanade 1981, in pyramids), those that go together
-    in most pictures are what stands, and a homography or similarity of these is the pose (RANSAC).
+    in most pictures are what stands (RANSAC), and a camera that turns, a similarity or a homography of these is the
+    pose.
 
     Raises UserError where the film can't be read, or the camera looks elsewhere, or was moved since it saw the
     background.
@@ -113,7 +114,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
     if features is None:
         return None
     tracker = FeatureTracker(cv2, reference, features)
-    tracker.flat = is_flat(tracker, few, scale)
+    tell_lens(tracker, few, scale)
     poses, residuals, known = np.tile(np.eye(3), (count, 1, 1)), np.full(count, np.nan), np.eye(3)
     for number, (_, picture) in enumerate(film()):
         pose, residuals[number] = tracker.pose(picture, known, scale)

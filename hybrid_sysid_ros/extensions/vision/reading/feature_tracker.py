@@ -20,7 +20,10 @@ ITERATIONS = 570  # after which a RANSAC of four features has seen such a share 
 BESIDE = 1.0  # pixels of 640: farther off, a feature does not go with them
 UNMOVED = 0.35  # pixels of 640: features that are no farther off than that in most pictures are those of a tripod
 WIDE = 0.35  # share of the picture along each axis that features must span, to tell more than a shift
-FLATTER = 0.85  # of the residuals of similarities, those of homographies that are worth their four numbers more
+FLATTER = 0.85  # of the other residuals, those of homographies that are worth their four numbers more
+FOCALS = 0.5 * 2.0 ** (np.arange(13) / 4)  # widths: lenses from 90 to 14 degrees
+TURNS, SMALL = 6, 1e-6  # steps to the pose of a camera that turns, and differences that tell its slopes
+BISQUARE = 4.685  # deviations; see alignment.py
 
 
 class FeatureTracker:
@@ -28,6 +31,8 @@ class FeatureTracker:
 
     def __init__(self, cv2: Any, reference: Picture, features: NDArray[np.float32]) -> None:
         self.cv2, self.reference, self.features, self.flat = cv2, reference, features, True
+        self.focal = 0.0
+        """Of the lens, where a camera that is not flat turns about its place [pixels]; 0: poses are homographies."""
 
     def found(self, picture: Picture, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         """Where the features are (features, 2), from a pose on that is near; NaN where they are not found."""
@@ -70,11 +75,15 @@ class FeatureTracker:
         kept = kept.ravel() > 0
         if kept.sum() < max(FEWEST / 2, LEAST_SHARE * len(self.features)):
             return pose, np.nan
+        if self.focal and not self.flat:
+            pose = self._turned(one[kept], other[kept])
         far = moved(pose[None], one[kept])[0] - other[kept]
         return pose, float(np.sqrt(np.mean(far**2)))
 
     def least_squares(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float64]:
         """The pose of all features (features, 2), without a search for those that do not go with it."""
+        if self.focal and not self.flat:
+            return self._turned(one, other)
         if not self.flat:
             return np.asarray(self.cv2.findHomography(one, other, 0)[0])
         middle, there = one.mean(axis=0), other.mean(axis=0)
@@ -84,6 +93,30 @@ class FeatureTracker:
         pose = np.eye(3)
         pose[:2, :2], pose[:2, 2] = turned, there - turned @ middle
         return pose
+
+    def _turned(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.float64]:
+        """The pose of a camera that turns about its place, and whose picture grows, by least squares with bisquare
+        weights: four numbers, as a similarity has, tell its roll better than a homography's eight.
+        """
+        values = np.zeros(4)
+        for _ in range(TURNS):
+            left = other - moved(self._turn(values)[None], one)[0]
+            shifted = np.array([self._turn(values + SMALL * unit) for unit in np.eye(4)])
+            slopes = (moved(shifted, one) - moved(self._turn(values)[None], one)).reshape(4, -1).T / SMALL
+            far = np.hypot(left[:, 0], left[:, 1])
+            limit = BISQUARE * max(float(np.median(far)) / 1.1774, 1e-3)  # median of a Rayleigh distribution
+            weights = np.repeat(np.maximum(1.0 - (far / limit) ** 2, 0.0) if values.any() else np.ones(len(far)), 2)
+            values = values + np.linalg.lstsq(weights[:, None] * slopes, weights * left.ravel(), rcond=None)[0]
+        return self._turn(values)
+
+    def _turn(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The homography of a camera that is turned by a vector [rad] and whose picture has grown, by its logarithm."""
+        rows, columns = self.reference.shape
+        lens = np.array([[self.focal, 0.0, columns / 2], [0.0, self.focal, rows / 2], [0.0, 0.0, 1.0]])
+        grown = lens * np.array([np.exp(values[3]), np.exp(values[3]), 1.0])[:, None]
+        grown[:2, 2] = lens[:2, 2]
+        pose = grown @ self.cv2.Rodrigues(values[:3])[0] @ np.linalg.inv(lens)
+        return np.asarray(pose / pose[2, 2])
 
 
 def standing_features(cv2: Any, reference: Picture, few: list[Picture], scale: float) -> NDArray[np.float32] | None:
@@ -152,15 +185,29 @@ def _standing(tracker: FeatureTracker, few: list[Picture], scale: float) -> tupl
     return np.asarray(together.mean(axis=0) > STANDING), False
 
 
-def is_flat(tracker: FeatureTracker, few: list[Picture], scale: float) -> bool:
-    """Whether similarities explain the pictures as well as homographies do, or features are too narrow for these."""
+def tell_lens(tracker: FeatureTracker, few: list[Picture], scale: float) -> None:
+    """Set what poses are: similarities, those of a camera that turns about its place, whose lens the film tells, or
+    homographies, if these explain the pictures that much better and features are wide enough for them.
+    """
+    tracker.flat = True
     if len(tracker.features) < 3 * FEWEST or not wide(tracker.features, tracker.reference.shape):
-        return True
-    residuals = []
-    for tracker.flat in (True, False):
-        residuals.append([tracker.pose(picture, np.eye(3), scale)[1] for picture in few])
-    flat, deep = np.nanmedian(residuals, axis=1)
-    return bool(deep > FLATTER * flat)
+        return
+    width = tracker.reference.shape[1]
+    found = [tracker.found(picture, tracker.pose(picture, np.eye(3), scale)[0]) for picture in few]
+
+    def residual(flat: bool, focal: float = 0.0) -> float:
+        tracker.flat, tracker.focal = flat, focal
+        return float(np.nanmedian([tracker.fitted(places, np.isfinite(places[:, 0]), scale)[1] for places in found]))
+
+    squares = np.square([residual(False, focal * width) for focal in FOCALS])
+    best = int(np.argmin(squares[1:-1])) + 1
+    before, here, after = squares[best - 1 : best + 2].tolist()
+    bend = before - 2.0 * here + after
+    step = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend > 0.0 else 0.0
+    focal = float(FOCALS[best] * (FOCALS[1] / FOCALS[0]) ** step) * width
+    flat, turning = residual(True), residual(False, focal)
+    if residual(False) > FLATTER * min(flat, turning):
+        tracker.flat, tracker.focal = flat < turning, focal
 
 
 def wide(features: NDArray[np.float32], shape: tuple[int, ...], share: float = WIDE) -> bool:

@@ -1,0 +1,67 @@
+"""How a camera turns, by features that stand."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.reading.feature_tracker import (
+    FeatureTracker,
+    moved,
+    standing_features,
+    tell_lens,
+)
+
+ROWS, COLUMNS, FOCAL = 180, 320, 0.9 * 320
+
+
+def _turned(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    lens = np.array([[FOCAL, 0.0, COLUMNS / 2], [0.0, FOCAL, ROWS / 2], [0.0, 0.0, 1.0]])
+    pose = lens @ cv2.Rodrigues(vector)[0] @ np.linalg.inv(lens)
+    return np.asarray(pose / pose[2, 2])
+
+
+@pytest.fixture(scope="module")
+def wall() -> Picture:
+    cells = np.random.default_rng(0).uniform(20, 230, (45, 80)).astype(np.float32)
+    return np.asarray(cv2.resize(cells, (COLUMNS, ROWS), interpolation=cv2.INTER_CUBIC).clip(0, 255).astype(np.uint8))
+
+
+def test_the_lens_of_a_camera_that_turns_is_told_by_its_pictures(wall: Picture) -> None:
+    turns = np.random.default_rng(1).normal(0.0, [0.03, 0.03, 0.01], (9, 3))
+    turns[4] = 0.0
+    few = [
+        np.asarray(
+            cv2.warpPerspective(wall, _turned(turn), (COLUMNS, ROWS), borderMode=cv2.BORDER_REFLECT), dtype=np.uint8
+        )
+        for turn in turns
+    ]
+    features = standing_features(cv2, few[4], few, 0.5)
+    assert features is not None
+    tracker = FeatureTracker(cv2, few[4], features)
+    tell_lens(tracker, few, 0.5)
+    assert not tracker.flat
+    assert tracker.focal == pytest.approx(FOCAL, rel=0.1)
+    pose, _ = tracker.pose(few[0], np.eye(3), 0.5)
+    ends = np.array([[80.0, 90.0], [240.0, 90.0], [160.0, 20.0], [160.0, 160.0]])
+    assert np.abs(moved(pose[None], ends) - moved(_turned(turns[0])[None], ends)).max() < 0.05
+
+
+def test_features_beside_something_that_passes_do_not_roll_the_camera() -> None:
+    """All of the lower right quarter are half a pixel off, which a homography would follow there."""
+    random = np.random.default_rng(2)
+    features = random.uniform([5, 5], [COLUMNS - 5, ROWS - 5], (120, 2)).astype(np.float32)
+    there = moved(_turned(np.array([0.01, -0.02, 0.005]))[None], features)[0]
+    there += 0.05 * random.standard_normal(there.shape)
+    there[(features[:, 0] > COLUMNS / 2) & (features[:, 1] > ROWS / 2), 1] += 0.5
+    tracker = FeatureTracker(cv2, np.zeros((ROWS, COLUMNS), dtype=np.uint8), features)
+    tracker.flat, tracker.focal = False, FOCAL
+    pose, _ = tracker.fitted(there.astype(np.float32), np.ones(len(features), dtype=bool), 1.0)
+    turned = pose @ np.linalg.inv(_turned(np.array([0.01, -0.02, 0.005])))
+    one, two = moved(turned[None], np.array([[COLUMNS * 0.6, 150.0], [COLUMNS * 0.9, 150.0]]))[0]
+    assert math.degrees(math.atan2(two[1] - one[1], two[0] - one[0])) == pytest.approx(0.0, abs=0.03)
