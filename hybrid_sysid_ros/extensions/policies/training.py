@@ -17,6 +17,7 @@ from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.policies.idle_states import without_idle
+from hybrid_sysid_ros.extensions.policies.mirror import mirror_of
 from hybrid_sysid_ros.extensions.policies.network import (
     beyond_bounds,
     descend,
@@ -136,6 +137,8 @@ class _TrainingData:
     centre: Array
     """(features,)."""
     scale: Array
+    mirror: Array | None
+    """(features,), signs with which an answer changes its own; None where it does not."""
     middle: Array
     """(m,) of the inputs' bounds."""
     half: Array
@@ -154,8 +157,11 @@ class _TrainingData:
         features = policy_features(samples.instances, output_map, tracked, len(low), len(problem.output_weights))
         states, still = len(model.system.states), np.eye(features.shape[1])
         still[:states, :states] = without_idle(model.system, problem)
-        features = features @ still.T
-        deviation = features.std(axis=0)
+        features, centre = features @ still.T, features.mean(axis=0) @ still.T
+        mirror = _mirror(model, problem, samples.instances[:: max(1, len(samples.instances) // CHECKS)], still)
+        if mirror is not None:  # of the samples and their images
+            centre = np.where(mirror < 0.0, 0.0, centre)
+        deviation = np.sqrt(np.mean((features - centre) ** 2, axis=0))
         return cls(
             problem=problem,
             output_map=output_map,
@@ -164,8 +170,9 @@ class _TrainingData:
             held=held,
             still=still,
             features=features,
-            centre=features.mean(axis=0),
+            centre=centre,
             scale=np.where(deviation > LEAST_DEVIATION, deviation, 1.0),
+            mirror=mirror,
             middle=0.5 * (low + high),
             half=0.5 * (high - low),
         )
@@ -194,6 +201,17 @@ class _TrainingData:
         return single((self.features - self.centre) / self.scale)
 
 
+def _mirror(model: Model, problem: ControlProblem, instances: Array, still: Array) -> Array | None:
+    """The signs (features,) of mirrored features, where the answers at some instances have images."""
+    n, m = len(model.system.states), len(problem.input_low)
+    signs = mirror_of(model.system, problem, instances[:, :n], instances[:, n + m : n + 2 * m])
+    if signs is None:
+        return None
+    found = np.full(len(still), -1.0)
+    found[:n] = signs
+    return found if np.array_equal(still * found, found[:, None] * still) else None
+
+
 def _fit(
     model: Model,
     data: _TrainingData,
@@ -210,12 +228,17 @@ def _fit(
     targets = single(plans.reshape(len(plans), -1))
     weights = torch.full((stages, count), settings.plan_weight / max(stages - 1, 1) / count)
     weights[0] = 1.0 / count
-    weights = weights.ravel()
+    weights, random = weights.ravel(), torch.Generator().manual_seed(seed)
+    signs = None if data.mirror is None else single(data.mirror)
     counts = (samples.costs + LEAST_COST * samples.costs.mean()) ** -settings.levelling
     shares = single(counts / counts.mean())
 
     def loss(network: torch.nn.Module, rows: torch.Tensor) -> torch.Tensor:
-        errors = beyond_bounds(network(inputs[rows]), targets[rows])
+        asked, wanted = inputs[rows], targets[rows]
+        if signs is not None:
+            turned = torch.rand((len(rows), 1), generator=random) < 0.5
+            asked, wanted = torch.where(turned, signs * asked, asked), torch.where(turned, -wanted, wanted)
+        errors = beyond_bounds(network(asked), wanted)
         return torch.mean(shares[rows] * (errors**2 @ weights))
 
     network = new_network([inputs.shape[1], *settings.hidden, stages * count], seed)
