@@ -19,6 +19,7 @@ OUTLIER = 5.0  # deviations
 WANDERS = 0.12  # pixels of 640: a pivot that moves less, rms, stands
 LEAVES = 3.0  # pixels of 640: one that moves more, the camera's motion taken out, is no pivot
 ORDER = 10  # of the differences that show what is new in each picture
+SLOWEST = 23.0  # pictures a second, at which a joint's motion has no part in them yet
 GAP = 1.5  # times as far apart as most are pictures between which one is missing
 CHI_SQUARE = 0.455  # median, of one degree of freedom
 
@@ -80,20 +81,35 @@ def scatter(times: Array, angles: Array, period: float = 0.0) -> float:
     """Standard deviation of what is new in each of the angles (pictures,) at times [s], by their divided differences of
     a high order, in which a motion well below half the pictures' rate has no part; their median, so that no jump has
     any; 0 where too few follow one another. period: of angles that go round, 0 for others.
+
+    A codec keeps its errors from one picture to the next. Where pictures are many, every second, fourth and eighth tell
+    it, too, as long as they are SLOWEST, and the largest of these counts.
     """
     known = np.isfinite(angles)
     when, seen = times[known], np.unwrap(angles[known], period=period) if period else angles[known]
     if len(when) < ENOUGH + ORDER:
         return 0.0
-    windows = sliding_window_view(when, ORDER + 1)
-    together = np.diff(windows, axis=1).max(axis=1) < GAP * float(np.median(np.diff(when)))
+    usual, stride = float(np.median(np.diff(when))), 1
+    most = _new(when, seen, stride, usual)
+    while 2 * stride * usual * SLOWEST <= 1.0:
+        stride *= 2
+        most = max(most, _new(when, seen, stride, usual))
+    return most
+
+
+def _new(when: Array, seen: Array, stride: int, usual: float) -> float:
+    """The same of every so many pictures, most of which are ``usual`` apart [s]."""
+    if len(when) < ENOUGH + ORDER * stride:
+        return 0.0
+    windows, values = (sliding_window_view(item, ORDER * stride + 1)[:, ::stride] for item in (when, seen))
+    together = np.diff(windows, axis=1).max(axis=1) < GAP * stride * usual
     if together.sum() < ENOUGH:
         return 0.0
     apart = windows[:, :, None] - windows[:, None, :]
     apart = apart / np.abs(apart).max(axis=(1, 2), keepdims=True) + np.eye(ORDER + 1)
     weights = 1.0 / apart.prod(axis=2)
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    new = (weights * sliding_window_view(seen, ORDER + 1)).sum(axis=1)[together]
+    new = (weights * values).sum(axis=1)[together]
     return float(np.median(np.abs(new))) / 0.6745
 
 

@@ -27,6 +27,14 @@ def test_scatter_is_the_noise_and_not_the_motion(irregular: float, turns: bool) 
     assert scatter(times, angles, 2.0 * np.pi if turns else 0.0) == pytest.approx(NOISE, rel=0.15)
 
 
+def test_errors_that_a_codec_keeps_for_some_pictures_scatter_as_much() -> None:
+    """At 240 pictures a second each error is there in eight of them, which differences of neighbours hardly see."""
+    times: Array = np.arange(8000) / 240.0
+    kept = np.repeat(NOISE * np.random.default_rng(0).standard_normal(1000), 8)
+    angles = 0.1 * np.sin(2.0 * np.pi * 2.0 * times) + kept
+    assert scatter(times, angles) == pytest.approx(NOISE, rel=0.15)
+
+
 def test_few_pictures_have_no_scatter() -> None:
     few: Array = np.arange(12, dtype=np.float64)
     assert scatter(few, 0.0 * few) == 0.0
