@@ -1,5 +1,6 @@
 """What is on disk is old and whole, or new and whole."""
 
+import errno
 import hashlib
 import os
 import subprocess
@@ -63,6 +64,17 @@ def test_the_old_folder_returns_when_the_new_one_cannot_take_its_place(tmp_path)
         partial.rmdir()  # nothing is left to take the place
     assert (path / "model.yaml").read_text() == "old"
     assert names(tmp_path) == ["model"]
+
+
+def test_a_disk_that_is_full_names_what_is_written(tmp_path):
+    """A copy's error names the file that is read."""
+    full = OSError(errno.ENOSPC, "No space left on device", str(tmp_path / "source"))
+    with (
+        pytest.raises(UserError, match=r"target: cannot be written \(No space"),
+        written_folder(tmp_path / "target", marker="x"),
+    ):
+        raise full
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_of_another_kind_is_never_replaced_unasked(tmp_path):

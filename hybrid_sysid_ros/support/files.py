@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import shutil
@@ -208,6 +209,8 @@ def _concerns(error: OSError, target: Path, container: Path | None) -> bool:
     """Whether an error of the operating system is about the place that is written (and not about a file read)."""
     if error.strerror is None:
         return False
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):  # of a copy, which names what is read
+        return True
     if error.filename is None or container is None:
         return True
     return str(error.filename).startswith((str(container), str(target)))
