@@ -1,10 +1,12 @@
 """How far records and models are to be trusted: python -m benchmarks.trust [PART...].
 
-Asked rows that fall short are counted in the key ``short``, and named.
+Parts that are named are measured anew, the others are those of the last results. Asked rows that fall short are counted
+in the key ``short``, and named; parts that were never measured are among them.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from collections.abc import Callable, Mapping
@@ -13,7 +15,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.trust import bands, designs, importing, intervals, records, state_spaces
+from benchmarks.trust import adapting, bands, designs, importing, intervals, records, state_spaces
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from studies.beam_lecture.lecture import DATA
 
@@ -23,6 +25,7 @@ PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "check": records.measured,
     "intervals": intervals.measured,
     "bands": bands.measured,
+    "adapt": adapting.measured,
     "design": designs.measured,
     "state_space": state_spaces.measured,
 }
@@ -61,6 +64,13 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("time of bands [free runs]", part["free_runs"], f"<= {limit:g}", part["free_runs"] <= limit))
     elif "bands" in found:
         made.append(("samples in 90 % bands", math.nan, f"needs {DATA}", False))
+    if part := found.get("adapt"):
+        most, near = adapting.MOST_LOST, adapting.NEAR
+        made.append(("R2 lost by --adapt", part["lost"], f"<= {most:g}", part["lost"] <= most))
+        missed = part["missed"]
+        made.append(("R2 missed where it holds a bias", missed, f"<= {near:g}", missed <= near))
+        half = 0.5 * len(part["rows"]) / len(adapting.SECONDS)
+        made.append(("records near the best constant bias", part["near"], f">= {half:g}", part["near"] >= half))
     for name in designs.RIGS if "design" in found else ():
         case = found["design"].get(name, {"ratio": math.nan, "noises": 0, "seconds": math.nan})
         enough, asked = case["noises"] >= designs.NOISES, f"<= {designs.MOST:g}, {case['noises']} noises"
@@ -72,12 +82,22 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("state space of order 30, 1e5 samples [s]", part["seconds"], "< 300", part["seconds"] < 300.0))
         least = 1.5 * part["noise"]
         made.append(("its error in the outputs' deviation", part["error"], f"<= {least:g}", part["error"] <= least))
+    made += [(f"part {name}", math.nan, "measured", False) for name in PARTS if name not in found]
     return made
+
+
+def last() -> dict[str, Any]:
+    """The parts of the last results; empty where there are none."""
+    try:
+        content = json.loads((result.RESULTS / f"{NAME}.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    return {name: part for name, part in content["results"].items() if name in PARTS}
 
 
 def main() -> int:
     """Measure the parts that are named, or all; print the table and write the JSON."""
-    chosen, found = sys.argv[1:] or list(PARTS), dict[str, Any]()
+    chosen, found = sys.argv[1:] or list(PARTS), last()
     if unknown := [name for name in chosen if name not in PARTS]:
         print(f"error: no part {unknown[0]}: known are {', '.join(PARTS)}", file=sys.stderr)
         return 2
@@ -102,10 +122,9 @@ def main() -> int:
         console.print(f"held of {name}, and mean error: {', '.join(shown)}")
     for name, words in found.get("check", {}).get("accused", {}).items():
         console.print(f"accused: {name}: {words}")
-    if chosen == list(PARTS):
-        short = [name for name, *_, reached in made if not reached]
-        print(result.write(NAME, {**found, "short": len(short), "short_rows": short}))
-        console.print(f"short: {len(short)}{': ' if short else ''}{', '.join(short)}")
+    short = [name for name, *_, reached in made if not reached]
+    print(result.write(NAME, {**found, "short": len(short), "short_rows": short}))
+    console.print(f"short: {len(short)}{': ' if short else ''}{', '.join(short)}")
     return 0
 
 
