@@ -34,8 +34,10 @@ from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
 
-RISE = 1e-9
-"""Share of the cost by which a step may raise it: rounding."""
+RISE = 1e-8
+"""Share of the cost by which a step may raise it: rounding, and along bounds that bend what is left of their violation
+after a correction, which in flat directions exceeds all that a step gains.
+"""
 
 SMALL = 0.2
 """Largest correction of a step for bounds that bend, in steps: where it is larger, the iterate is far from a solution.
