@@ -114,7 +114,8 @@ class Perceptron(Block):
         """Where the layers' values begin in a row of all, and where their weights do."""
         columns = (self.widths[0], *self.padded[:-1])
         sizes = [(1 + (k > 0)) * a * b + b for k, (a, b) in enumerate(zip(columns, self.padded, strict=True))]
-        return tuple(accumulate((self.widths[0], *self.padded), initial=0)), tuple(accumulate(sizes, initial=0))
+        first = -(-self.widths[0] // 8) * 8  # layers begin with a line of the cache
+        return tuple(accumulate((first, *self.padded), initial=0)), tuple(accumulate(sizes, initial=0))
 
     @property
     def kernels(self) -> Kernels:

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, aligned
 from hybrid_sysid_ros.support.errors import UserError
 
 PARTS = ("state", "disturbance", "previous_input", "preview")
@@ -236,7 +236,7 @@ def prediction(system: System, problem: ControlProblem) -> PredictionModel:
         curvature=compiled(problem.outputs_of(system, curvature=True)).output if problem.terms else 0,
         stage=problem.stage_values if problem.terms else np.zeros((problem.horizon, 0)),
         parameters=system.values,
-        network=np.ascontiguousarray(system.weights, dtype=float),
+        network=aligned(np.asarray(system.weights, dtype=float)),
         h=problem.period / problem.substeps,
         substeps=problem.substeps,
         smoothing=problem.smoothing,
