@@ -19,6 +19,7 @@ ALIKE = 0.9  # correlation, below which film and bag are of two motions
 PACES = (1 / 8, 1 / 4, 1 / 2, 2.0, 4.0, 24 / 25, 25 / 24, 24 / 30, 30 / 24, 25 / 30, 30 / 25)
 """Times as fast as it was taken that a film may run by its own times: as slow or fast motion, or at another norm's."""
 SURELY_ALIKE = 0.99  # correlation of a film's motion at one of these with the bag's
+UNEVEN = 0.3  # pictures, by which times wander beside the bag's at most: those that are rounded to whole ones do so
 STEPS = 30
 BISQUARE = 4.685  # deviations; see alignment.py
 BLOCK = 1.0  # s, within which differences count as one
@@ -46,6 +47,8 @@ class Synchronisation:
     """Frames (frames,) that were compared: inside of the bag, and no outliers."""
     bend: float
     """By which the film's values bend beside the bag's, rms [rad]; see :func:`bent`."""
+    wander: float
+    """By which the film's times run unevenly beside the bag's, rms [s]; see :func:`wandering`."""
 
     def time(self, film: Array) -> Array:
         """Times of a film in the bag's time [s]."""
@@ -65,19 +68,29 @@ def synchronise(
     near: a shift to look around, as the lamp tells; without it everywhere. The noise of both is taken down by the same
     low-pass, without a delay; then least squares with robust weights over all four.
 
-    Raises UserError where they have too little in common, are of two motions, or the film's times are of another rate
-    than it was taken at.
+    Raises UserError where they have too little in common, are of two motions, or the film is mirrored, or its times
+    are of another rate than it was taken at or run unevenly.
     """
     try:
-        return _synchronised(film, angles, bag, positions, near)
+        found = _synchronised(film, angles, bag, positions, near)
     except UserError:
+        if _at_pace(1.0, film, -angles, bag, positions)[0] > SURELY_ALIKE:
+            raise UserError(
+                "the film's angles go the other way than the bag's: it is mirrored, or the sensor counts the other way"
+            ) from None
         correlation, pace = max(_at_pace(pace, film, angles, bag, positions) for pace in PACES)
-        if correlation < SURELY_ALIKE:
-            raise
-    raise UserError(
-        f"the film runs {pace:.3g} times as fast as the bag by its own times, which are of another rate than it was "
-        "taken at: write it again with the true ones"
-    )
+        if correlation > SURELY_ALIKE:
+            raise UserError(
+                f"the film runs {pace:.3g} times as fast as the bag by its own times, which are of another rate than "
+                "it was taken at: write it again with the true ones"
+            ) from None
+        raise
+    if found.wander > UNEVEN * float(np.median(np.diff(film))):
+        raise UserError(
+            f"the film's times wander by {1e3 * found.wander:.0f} ms, rms, beside the bag's: has it pictures missing "
+            "that were numbered instead of timed? Write it again with true times"
+        )
+    return found
 
 
 def _at_pace(pace: float, film: Array, angles: Array, bag: Array, positions: Array) -> tuple[float, float]:
@@ -126,7 +139,8 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
     correlation = float(np.corrcoef(one, two)[0, 1])
     if not (correlation > ALIKE and values[2] > 0.0 and used.sum() > 0.5 * inside.sum()):
         raise UserError(
-            f"the film's motion is not the bag's (correlation {correlation:.2f}): are they of one experiment?"
+            f"the film's motion is not the bag's (correlation {correlation:.2f}): are they of one experiment, and "
+            "its times true, without pictures missing that were numbered instead?"
         )
     blocks = ((times - times[0]) / BLOCK).astype(int)
     scores = np.zeros((blocks[-1] + 1, 4))
@@ -148,6 +162,7 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
         residual=float(np.sqrt(np.mean(difference[used] ** 2))),
         used=everywhere,
         bend=bent(seen_angles, slopes, difference, blocks, used),
+        wander=wandering(speed[inside], difference[inside]),
     )
 
 
@@ -168,6 +183,17 @@ def bent(values: Array, slopes: Array, difference: Array, blocks: NDArray[np.int
         for half in (used & (blocks % 2 == 0), used & (blocks % 2 == 1))
     )
     return float(np.sqrt(max(float(np.mean(one * two)), 0.0)))
+
+
+def wandering(speed: Array, difference: Array) -> float:
+    """By how much the times (frames,) of a film run unevenly, rms [s]: differences of what moves fast scatter by so
+    much more than those of what moves slowly, by their medians, which single pictures do not change.
+    """
+    size = np.abs(speed)
+    slow, fast = size <= np.quantile(size, 1 / 3), size >= np.quantile(size, 2 / 3)
+    more = float(np.mean(speed[fast] ** 2) - np.mean(speed[slow] ** 2))
+    one, two = (float(np.median(np.abs(difference[part]))) / 0.6745 for part in (slow, fast))
+    return float(np.sqrt(max(two**2 - one**2, 0.0) / more)) if more > 0.0 else 0.0
 
 
 def low_passed(values: Array, period: float) -> Array:

@@ -99,6 +99,9 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     by_position = reference.kind is MotionSource.POSITION
     if by_position:  # what is not linear beside the sensor is no angle that is known better than that
         footage = replace(footage, deviations=np.hypot(footage.deviations, found.bend / abs(found.scale)))
+    if reference.kind is not MotionSource.INPUT:  # nor at a time that wanders
+        late = found.wander * np.gradient(angles, footage.seen)
+        footage = replace(footage, deviations=np.hypot(footage.deviations, late))
     return VideoRecord(
         footage=footage,
         onset=lamp,

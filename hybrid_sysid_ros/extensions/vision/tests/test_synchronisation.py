@@ -68,6 +68,33 @@ def test_a_film_with_times_of_another_rate_is_refused(taken: int, written: int) 
         synchronise(np.arange(len(true)) / written, _motion(true) + noise, bag, _motion(bag))
 
 
+@pytest.mark.parametrize("share", [1 / 40, 1 / 12])
+def test_a_film_that_lost_pictures_and_numbers_the_others_is_refused(share: float) -> None:
+    """Here and there one is missing, so that its times run unevenly beside the bag's, and are no other rate's."""
+    random = np.random.default_rng(0)
+    bag, true = _times(0.0, 20.0, 0.005), _times(0.5, 19.5, 1 / 30)
+    true = true[random.random(len(true)) > share]
+    angles = _motion(true) + 7e-5 * random.standard_normal(len(true))
+    with pytest.raises(UserError, match="pictures missing"):
+        synchronise(np.arange(len(true)) / 30, angles, bag, _motion(bag))
+
+
+def test_a_mirrored_film_is_refused() -> None:
+    bag, film = _times(0.0, 20.0, 0.005), _times(0.5, 19.0, 1 / 30)
+    with pytest.raises(UserError, match="mirrored"):
+        synchronise(film, -_motion(film), bag, _motion(bag))
+
+
+@pytest.mark.parametrize("off", [0.0, 2e-3])
+def test_times_that_wander_are_reported_by_how_much(off: float) -> None:
+    """By some milliseconds, as those of a screen that was recorded, which angles are uncertain by, too."""
+    random = np.random.default_rng(0)
+    bag, film = _times(0.0, 40.0, 0.005), _times(0.5, 39.0, 1 / 30)
+    late, noise = off * random.standard_normal(len(film)), 7e-5 * random.standard_normal(len(film))
+    found = synchronise(film, _motion(film + late) + noise, bag, _motion(bag))
+    assert found.wander == pytest.approx(off, rel=0.15, abs=2e-4)
+
+
 def test_a_motion_that_is_none_is_refused() -> None:
     bag, film = _times(0.0, 40.0, 0.005), _times(0.0, 40.0, 1 / 30)
     with pytest.raises(UserError, match="nothing moves"):
