@@ -32,6 +32,8 @@ POINTS, SLACK = 3, 0.05
 """Systems at which a criterion is taken, the model and two draws that mirror each other, so that an experiment suits
 what the model could be as well; and by how much it may grow at the model. Secants cover this by themselves.
 """
+FEWEST_SAMPLES = 20
+"""Scored samples of an experiment."""
 ASTRAY = 1e6
 """In the largest output of training: beyond, a system does not run."""
 SHARE = 0.1
@@ -56,11 +58,17 @@ class Bench:
     _samples: WeakKeyDictionary[PlanSegment, Array] = field(init=False, default_factory=WeakKeyDictionary)
 
     def __post_init__(self) -> None:
-        """Raises UserError for an unstable rig, and one whose feedback follows commands."""
+        """Raises UserError for an unstable rig, one whose feedback follows commands, and too short an experiment."""
         if self.rig.experiments.stabiliser is not None or self.rig.experiments.feedback is not None:
             raise UserError(
                 f"{self.rig.name} is driven by a feedback or a stabiliser, under which no experiment is designed: "
                 "write the commands by hand (experiments in rig.yaml)"
+            )
+        if self.seconds < FEWEST_SAMPLES * self.sampling.period:
+            raise UserError(
+                f"an experiment of {self.seconds:g} s has fewer than {FEWEST_SAMPLES} samples, which are "
+                f"{self.sampling.period:g} s apart for this model: ask for {FEWEST_SAMPLES * self.sampling.period:g} s "
+                "or more"
             )
         drawn = drawn_systems(self.model.system, uncertainty_of(self.model), DRAWS)
         pairs = [pair for pair in zip(drawn[::2], drawn[1::2], strict=True) if all(map(self._runs, pair))]

@@ -156,6 +156,8 @@ def test_what_is_too_fast_for_the_model_s_step_is_none_that_could_be() -> None:
     assert len(Bench(model=model(), rig=rig(), seconds=60.0, period=STEP, amplitude=0.9).systems) > len(wide.systems)
     found = designed(wide.model, rig(), seconds=20.0, period=0.2)
     assert np.all(found.after < found.before)
+    with pytest.raises(UserError, match="fewer than 20 samples"):
+        designed(wide.model, rig(), seconds=0.1, period=0.2)
 
 
 def test_what_can_not_be_designed_for_is_refused() -> None:
