@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -55,13 +54,6 @@ def recorded(rig: Rig, kind: str, *, seed: int, seconds: float) -> Record:
         return bags.read(place, rig.signals)
 
 
-@cache
-def first_model(name: str) -> Model:
-    """What is known before the experiment: a gray box of ten seconds."""
-    rig = true_rig(name)
-    return fitted(rig, recorded(rig, OTHERS[0], seed=FIRST_SEED - 1, seconds=FIRST))
-
-
 def fitted(rig: Rig, record: Record) -> Model:
     """A gray box of one record."""
     return identify([record], rig, "gray", sampling=given_sampling(None, rig), refine=True)
@@ -80,7 +72,7 @@ def signals(name: str, kind: str, folder: str) -> tuple[str, float]:
         place.mkdir(parents=True)
         write_signals(place / SIGNALS, times, dict(zip(driving_columns(rig), (driving / scales).T, strict=True)))
         return str(place / SIGNALS), 0.0
-    model = first_model(name)
+    model = fitted(rig, recorded(rig, OTHERS[0], seed=FIRST_SEED - 1, seconds=FIRST))
     begun = time.perf_counter()
     found = designed(model, rig, seconds=SECONDS, period=1.0 / RATE, parameters=counted(rig))
     seconds = time.perf_counter() - begun
@@ -93,10 +85,7 @@ def errors(name: str, kind: str, folder: str, seed: int) -> dict[str, float]:
     """Errors of the parameters, in the larger one of value and scale, of one record; and the seconds of a design."""
     rig = true_rig(name)
     file, seconds = signals(name, kind, folder)
-    # A search that began at the truth would end there, wherever friction has a corner: it begins at what is known.
-    known, truth = first_model(name).system.named, rig.system.named
-    begun = rig.system.with_values([known[key] for key in truth])
-    model = fitted(replace(rig, system=begun), recorded(rig, file, seed=seed, seconds=SECONDS))
+    model, truth = fitted(rig, recorded(rig, file, seed=seed, seconds=SECONDS)), rig.system.named
     sizes = {item.name: max(abs(truth[item.name]), item.scale) for item in rig.system.parameters}
     found = {key: (model.system.named[key] - truth[key]) / sizes[key] for key in counted(rig)}
     return {**found, "seconds": seconds}
