@@ -269,7 +269,8 @@ def align_freely(
         move = inverse @ gradient
         spread = scores @ inverse
         # a joint that turns is turned by as much more or less in each row, and so much is each row's part of the angle
-        out[0], out[1], out[2], out[6] = angle, beside[0], beside[1], inverse[0] @ rows
+        out[0], out[1], out[2] = angle, beside[0], beside[1]
+        out[6] = inverse[0, 0] * rows[0] + inverse[0, 1] * rows[1] + inverse[0, 2] * rows[2]
         for i in range(3):
             out[3 + i] = _clustered(spread[:, i])
         deviation = max(_median(histogram, used) / 0.6745, 0.7)

@@ -88,7 +88,7 @@ def synchronise(
     if found.wander > UNEVEN * float(np.median(np.diff(film))):
         raise UserError(
             f"the film's times wander by {1e3 * found.wander:.0f} ms, rms, beside the bag's: has it pictures missing "
-            "that were numbered instead of timed? Write it again with true times"
+            "that were numbered instead of timed, or is it of a screen? Write it again with true times"
         )
     return found
 
