@@ -113,6 +113,7 @@ def test_parameters_are_followed_by_a_pattern_of_their_names(rig: Rig) -> None:
 def test_a_state_that_a_disturbance_moves_stays_within_its_reach() -> None:
     rig = load("drill_string")
     tuning = configuration.estimator_tuning(configuration.defaults(rig.name, "estimator"), rig)
+    assert tuning.initial_deviation == (1.5, 0.5, 0.5, 3.0)
     assert tuning.state_limit == (math.inf, math.inf, math.inf, rig.disturbances[3].numbers["amplitude"])
 
 

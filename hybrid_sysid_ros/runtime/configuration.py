@@ -49,7 +49,7 @@ CAMERA = "camera"
 OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 AT_FIRST = 10.0
-"""Initial deviation of an offset, in units of its drift in one second: as much as it drifts in 100 s."""
+"""Initial deviation of a state or an offset, in units of its drift in one second: as much as it drifts in 100 s."""
 NONE = 1e9
 """A bound of a state that is at least this large counts as no bound."""
 RESUME_SECONDS = 1.0
@@ -118,11 +118,17 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None 
         return in_si(listed(values, name, "parameter", outputs), rig)
 
     noise = listed(values, "process_noise", "parameter", states)
-    drifts = dict(zip((item.name for item in rig.system.states), noise, strict=True)) | offset_drifts(rig)
+    names = [item.name for item in rig.system.states]
+    drifts = dict(zip(names, noise, strict=True)) | offset_drifts(rig)
+    process = [drifts.get(item.name, 0.0 if item.unit else OWN_NOISE) for item in system.states]
+    first = dict(zip(names, listed(values, "initial_deviation", "parameter", states), strict=True))
     reaches = {rig.system.declared_states[k].name: item.largest for k, item in rig.disturbances.items()}
     return Tuning(
         measurement_noise=of_outputs("measurement_noise"),
-        process_noise=tuple(drifts.get(item.name, 0.0 if item.unit else OWN_NOISE) for item in system.states),
+        process_noise=tuple(process),
+        initial_deviation=tuple(
+            first.get(item.name) or AT_FIRST * drift for item, drift in zip(system.states, process, strict=True)
+        ),
         state_limit=tuple(reaches.get(item.name, math.inf) for item in system.states),
         disturbance_noise=of_inputs("disturbance_noise"),
         disturbance_limit=of_inputs("disturbance_limit"),

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.drill_string import classical, plants
+from benchmarks.fault_rehearsal.rehearsal import Rehearsal
+from benchmarks.fault_rehearsal.signal_faults import Fault
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.extensions.accuracy.guarded_loop import guarded_loop
@@ -168,6 +170,17 @@ def test_a_bit_that_breaks_away_is_no_offset_of_the_torque(rig, seed):
     assert abs(estimate.disturbance[0]) < 0.05
     assert max(speeds) < 6.0
     assert np.mean(speeds[-50:]) == pytest.approx(2.0, abs=0.2)
+
+
+def test_a_sensor_with_the_wrong_sign_is_left_out_at_once(rig):
+    """At the peak of the reference, either of both."""
+    rehearsal = Rehearsal(rig)
+    for signs in ([-1.0, 1.0], [1.0, -1.0]):
+        flip = np.array(signs)
+        fault = Fault(reads=lambda flip=flip: lambda moment, readings: flip * readings)
+        found = rehearsal.tried(fault, phase=0.25)
+        assert found["after"] < 0.1
+        assert found["error"] < 1.0
 
 
 def test_what_ships_belongs_together_and_knows_the_rig(rig):
