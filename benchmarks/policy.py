@@ -57,7 +57,7 @@ LECTURE = {"validation_mse": 0.0664, "milliseconds": 0.11, "ipopt_milliseconds":
 LECTURE_AMPLITUDE = 5.0
 """Of the references [V]."""
 LECTURE_PUSH = (0.1, 0.1, 0.1, 0.3, 0.3)
-LECTURE_SETTINGS = Settings(episodes=(200, 200, 200), hidden=(64, 64), epochs=60, levelling=0.0, sequence=False)
+LECTURE_SETTINGS = Settings(episodes=(200, 200, 200), hidden=(64, 64), epochs=60, sequence=False)
 LOOPS, SECONDS = 100, 4.0
 """Closed loops of the beam for each seed, and their length [s]."""
 

@@ -22,9 +22,6 @@ class Settings:
     earlier rounds train for a third of the epochs. workers: processes that sample, 0 for one per core. cluster:
     address of a Dask scheduler in their place, or local.
 
-    levelling: samples are weighted by the mean stage cost of their loop to the power of -levelling. At 0 an error
-    counts equally everywhere, at 1 relative to its loop's cost, which neglects loops with large motion.
-
     sequence: the network gives the whole plan, not only its first input. plan_weight: weight of all later inputs
     together; the first one has weight 1. followed: parameters for whose estimates the policy learns a correction, with
     their expected deviations from the model's values, in their units.
@@ -41,7 +38,6 @@ class Settings:
     workers: int = 0
     cluster: str = ""
     sequence: bool = True
-    levelling: float = 0.3
     plan_weight: float = 0.3
     followed: Mapping[str, float] = field(default_factory=dict)
     margin: float = 0.0
@@ -56,7 +52,7 @@ class Settings:
         if max(self.hidden) > WIDEST or len(self.hidden) > DEEPEST:
             widths = ", ".join(map(str, self.hidden))
             raise UserError(f"policy: layers of {widths}: takes at most {DEEPEST}, each of at most {WIDEST}")
-        if not all(0 <= weight < math.inf for weight in (self.levelling, self.plan_weight)):
+        if not 0 <= self.plan_weight < math.inf:
             raise UserError("policy: weights must be numbers that are not negative")
         if not 0.0 <= self.margin < 0.5:
             raise UserError(f"policy: a margin of {self.margin:g} leaves nothing of the bounds; take less than 0.5")

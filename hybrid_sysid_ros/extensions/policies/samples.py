@@ -22,10 +22,10 @@ from hybrid_sysid_ros.support.arrays import Array
 UNMOVED = 0.3
 """Share of the periods in which the MPC is asked at the state and the previous input as they are."""
 
-LIVELY, LIVELINESS, RESTARTS = 0.5, 0.01, 0.04
-"""Share of the lively loops, whose pushes have full size; size of the pushes of the quietest others, all magnitudes
-between being alike, for as much is asked of a policy near rest as at full swing; share of a lively loop's periods in
-which it begins anew."""
+LIVELY, LIVELINESS, RESTARTS = 0.8, 0.01, 0.04
+"""Share of the lively loops, whose pushes have full size: there a network is off by most; size of the pushes of the
+quietest others, all magnitudes between being alike, for a policy is asked near rest, too; share of a lively loop's
+periods in which it begins anew."""
 
 STRANGE = 0.04
 """Share of the periods in which the MPC is asked with a previous input that may be anywhere, as where a loop begins: in
@@ -50,8 +50,6 @@ class TrainingSamples:
     """(samples, N, m)."""
     shifts: Array
     """(samples, parameters, N, m), derivatives of the plan by the followed parameters, per spread."""
-    costs: Array
-    """(samples,), mean stage cost of its loop."""
     dropped: NDArray[np.int64]
     """(loops,), answers that did not converge."""
 
@@ -118,7 +116,7 @@ def sample(
         loop.asked[:, first:last] = np.clip(before, problem.input_low, problem.input_high)
         answers = mpc.solve_sequence(loop.asked, scenario.begins, attempts=2)
     asked = loop.asked
-    kept, shifts = answers.solved & np.isfinite(loop.costs.mean()), []  # a loop that ran away teaches nothing
+    kept, shifts = answers.solved & np.isfinite(loop.costs).all(), []  # a loop that ran away teaches nothing
     for name, deviation in (followed or {}).items():
         near = (ExactMpc(shifted(system, name, side * deviation), problem) for side in (-0.5, 0.5))
         below, above = (each.solve_sequence(asked, scenario.begins, attempts=2) for each in near)
@@ -128,7 +126,6 @@ def sample(
         instances=asked[kept],
         plans=answers.inputs[kept],
         shifts=np.stack(shifts, axis=1)[kept] if shifts else np.zeros((kept.sum(), 0, *answers.inputs.shape[1:])),
-        costs=np.full(kept.sum(), loop.costs.mean()),
         dropped=np.array([np.sum(~kept)]),
     )
 

@@ -41,9 +41,6 @@ VALIDATION_SHARE = 0.1
 CHECKS = 64
 """Self-check vectors."""
 
-LEAST_COST = 0.01
-"""Of a loop, in the mean of all: below it no loop's samples count for more."""
-
 LEAST_DEVIATION = 1e-6
 """A feature that varies less [its unit] says nothing and is not blown up."""
 
@@ -230,8 +227,6 @@ def _fit(
     weights[0] = 1.0 / count
     weights, random = weights.ravel(), torch.Generator().manual_seed(seed)
     signs = None if data.mirror is None else single(data.mirror)
-    counts = (samples.costs + LEAST_COST * samples.costs.mean()) ** -settings.levelling
-    shares = single(counts / counts.mean())
 
     def loss(network: torch.nn.Module, rows: torch.Tensor) -> torch.Tensor:
         asked, wanted = inputs[rows], targets[rows]
@@ -239,7 +234,7 @@ def _fit(
             turned = torch.rand((len(rows), 1), generator=random) < 0.5
             asked, wanted = torch.where(turned, signs * asked, asked), torch.where(turned, -wanted, wanted)
         errors = beyond_bounds(network(asked), wanted)
-        return torch.mean(shares[rows] * (errors**2 @ weights))
+        return torch.mean(errors**2 @ weights)
 
     network = new_network([inputs.shape[1], *settings.hidden, stages * count], seed)
     if start is not None:

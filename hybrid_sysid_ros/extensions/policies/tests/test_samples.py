@@ -209,24 +209,12 @@ def test_the_offset_of_the_input_shifts_the_first_plan_one_to_one():
     np.testing.assert_allclose(samples.shifts[:, 0], 0.2, atol=1e-3)
 
 
-def test_a_loop_has_one_cost_and_it_goes_with_the_errors_of_the_loop():
-    found = [sample(model_of().system, PROBLEM, SPREAD, seed) for seed in range(10)]
-    errors = []
-    for samples in found:
-        assert len(np.unique(samples.costs)) == 1
-        errors.append(np.mean((samples.instances[:, 0] - samples.instances[:, 4]) ** 2))
-    costs = [samples.costs[0] for samples in found]
-    assert max(costs) > 10 * min(costs)
-    assert np.corrcoef(np.log(costs), np.log(errors))[0, 1] > 0.7
-
-
 def some_samples(**parts):
     random = np.random.default_rng(0)
     arrays = {
         "instances": random.normal(size=(5, 8)),
         "plans": random.normal(size=(5, 4, 1)),
         "shifts": random.normal(size=(5, 0, 4, 1)),
-        "costs": random.uniform(size=5),
     }
     return TrainingSamples(**{**arrays, **parts}, dropped=np.array([3]))
 
