@@ -7,7 +7,6 @@ Every printed function has the signature :data:`VALUE` or :data:`JACOBIAN`, what
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -232,8 +231,6 @@ class _Line:
     text: str
     of: tuple[str, ...] = ()
     """The values that it reads."""
-    divisor: str = ""
-    """The value by which it divides the other one, or 1."""
 
 
 def _assigned(known: Sequence[tuple[str, casadi.SX]], parts: Sequence[_Part]) -> Iterator[str]:
@@ -268,11 +265,10 @@ def _assigned(known: Sequence[tuple[str, casadi.SX]], parts: Sequence[_Part]) ->
         else:
             raise UserError(f"a law uses {_name_of(operation)}, which can't be compiled; write it out otherwise")
         at[to[0]] = name
-        divisor = own[-1] if operation in (casadi.OP_DIV, casadi.OP_INV) else ""
-        lines.append(_Line(name, f"{name} = {value}", own, divisor))
+        lines.append(_Line(name, f"{name} = {value}", own))
     for part in parts[done:]:
         lines += part.end()
-    yield from _by_reciprocals(_needed(lines))
+    yield from _needed(lines)
 
 
 class _Choices:
@@ -307,31 +303,14 @@ class _Choices:
         return f"select({text}, {value}, {instead})", (*of, *{value, instead} - {"0.0"})
 
 
-def _needed(lines: Sequence[_Line]) -> list[_Line]:
+def _needed(lines: Sequence[_Line]) -> Iterator[str]:
     """The lines whose values are read, in their order."""
-    read, kept = set[str](), list[_Line]()
+    read, kept = set[str](), list[str]()
     for line in reversed(lines):
         if not line.name or line.name in read:
             read.update(line.of)
-            kept.append(line)
-    return kept[::-1]
-
-
-def _by_reciprocals(lines: Sequence[_Line]) -> Iterator[str]:
-    """The text of lines, where several divisions by a value are products with its reciprocal: Jacobians divide by the
-    same few values again and again, and a division takes as long as some products.
-    """
-    count, made = Counter(line.divisor for line in lines), set[str]()
-    for line in lines:
-        if not line.divisor or count[line.divisor] == 1:
-            yield line.text
-            continue
-        reciprocal = f"r{line.divisor}"
-        if reciprocal not in made:
-            made.add(reciprocal)
-            yield f"{reciprocal} = 1.0 / {line.divisor}"
-        factor = f"{line.of[0]} * " if len(line.of) == 2 else ""
-        yield f"{line.name} = {factor}{reciprocal}"
+            kept.append(line.text)
+    yield from reversed(kept)
 
 
 def _name_of(operation: int) -> str:
