@@ -175,10 +175,12 @@ def test_a_bit_that_breaks_away_is_no_offset_of_the_torque(rig, seed):
 def test_a_sensor_with_the_wrong_sign_is_left_out_at_once(rig):
     """At the peak of the reference, either of both."""
     rehearsal = Rehearsal(rig)
+
+    def flipped(signs):
+        return Fault(reads=lambda: lambda moment, readings: signs * readings)
+
     for signs in ([-1.0, 1.0], [1.0, -1.0]):
-        flip = np.array(signs)
-        fault = Fault(reads=lambda flip=flip: lambda moment, readings: flip * readings)
-        found = rehearsal.tried(fault, phase=0.25)
+        found = rehearsal.tried(flipped(np.array(signs)), phase=0.25)
         assert found["after"] < 0.1
         assert found["error"] < 1.0
 
