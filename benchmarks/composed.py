@@ -3,7 +3,8 @@
     python -m benchmarks.composed [SECONDS]
 
 A command's delay is counted from the moment at which its period began, waking up included; the next linearisation is
-prepared behind the command. At real-time priority where that is permitted.
+prepared behind the command. At real-time priority and with cores kept awake (/dev/cpu_dma_latency) where that is
+permitted.
 """
 
 from __future__ import annotations
