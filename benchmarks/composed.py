@@ -24,7 +24,7 @@ from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.simulation.simulation import Simulation
 from hybrid_sysid_ros.extensions.export.unit import unit
-from hybrid_sysid_ros.extensions.export.unit.built import FLAGS
+from hybrid_sysid_ros.extensions.export.unit.built import FLAGS, renamed
 from hybrid_sysid_ros.extensions.export.unit.daqp_source import copy_to, daqp
 from hybrid_sysid_ros.extensions.export.unit.folder import unit_name
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
@@ -64,12 +64,11 @@ def program(policy: str, place: Path) -> Path:
     for file, text in (texts | plant.texts(about="the plant") | {"composed.c": own}).items():
         (place / file).write_text(text, encoding="utf-8")
     copy_to(daqp(None), place / "daqp")
-    renamed = [f"-Dmalloc={name}_allocate", f"-Dcalloc={name}_allocate_zeros", f"-Dfree={name}_release"]
     common = [by, *FLAGS, "-w", "-I", str(place), "-I", str(place / "daqp")]
     objects = []
     for path in sorted((place / "daqp").glob("*.c")):
         objects.append(str(place / f"daqp_{path.stem}.o"))
-        subprocess.run([*common, *renamed, "-c", str(path), "-o", objects[-1]], check=True)
+        subprocess.run([*common, *renamed(name), "-c", str(path), "-o", objects[-1]], check=True)
     sources = [str(path) for path in sorted(place.glob("*.c")) if not path.name.endswith("_test.c")]
     subprocess.run([*common, "-std=gnu11", *sources, *objects, "-o", str(place / "composed"), "-lm"], check=True)
     return place / "composed"

@@ -21,6 +21,7 @@ from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.compiler import compile_source
+from hybrid_sysid_ros.extensions.export.unit.built import renamed
 from hybrid_sysid_ros.extensions.export.unit.folder import export_loop
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop, loop_in_python
 from hybrid_sysid_ros.models import load as load_model
@@ -39,11 +40,10 @@ SOURCE = Path(__file__).with_suffix(".c")
 
 def sanitized_objects(unit: Path, name: str, into: Path) -> list[Path]:
     """The objects of a unit and its solver, with the sanitizers. Raises UserError where the compiler refuses a file."""
-    renamed = [f"-Dmalloc={name}_allocate", f"-Dcalloc={name}_allocate_zeros", f"-Dfree={name}_release"]
     made = []
     for path in (unit / f"{name}.c", *sorted((unit / "daqp").glob("*.c"))):
         made.append(into / f"{path.stem}.o")
-        flags = [*_common(unit), *(renamed if path.parent.name == "daqp" else ("-std=c99",)), "-w", "-c"]
+        flags = [*_common(unit), *(renamed(name) if path.parent.name == "daqp" else ("-std=c99",)), "-w", "-c"]
         compile_source([*flags, str(path), "-o", str(made[-1])], path.name)
     return made
 

@@ -32,18 +32,22 @@ class PeriodAnswer(NamedTuple):
     """(2,): the level that the guard allows, and its cause."""
 
 
+def renamed(name: str) -> list[str]:
+    """Flags by which the solver's allocations are the unit's own, out of its memory."""
+    return [f"-Dmalloc={name}_allocate", f"-Dcalloc={name}_allocate_zeros", f"-Dfree={name}_release"]
+
+
 def build(compiler: str, folder: Path, name: str, into: Path, *, flags: tuple[str, ...] = ()) -> Path:
     """Build the shared library of a unit whose files are in ``folder``; return its path.
 
     Raises UserError where the compiler refuses a file, or finds anything to warn of in NAME.c.
     """
-    renamed = [f"-Dmalloc={name}_allocate", f"-Dcalloc={name}_allocate_zeros", f"-Dfree={name}_release"]
     common = [compiler, *FLAGS, *flags, "-fPIC", "-I", str(folder), "-I", str(folder / "daqp"), "-c"]
     objects = [into / "unit.o"]
     compile_source([*common, *WARNINGS, "-Werror", str(folder / f"{name}.c"), "-o", str(objects[0])], f"{name}.c")
     for path in sorted((folder / "daqp").glob("*.c")):
         objects.append(into / f"daqp_{path.stem}.o")
-        compile_source([*common, "-w", *renamed, str(path), "-o", str(objects[-1])], path.name)
+        compile_source([*common, "-w", *renamed(name), str(path), "-o", str(objects[-1])], path.name)
     library = into / f"lib{name}.so"
     compile_source([compiler, *flags, "-shared", *map(str, objects), "-o", str(library), "-lm"], f"{name}.c")
     return library
