@@ -136,7 +136,12 @@ def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str,
         rows.append((x[output], preview[0], u, x))
     outputs, references, inputs, reached = (np.array(part) for part in zip(*rows, strict=True))
     costs = stage_costs(
-        problem, outputs=outputs, references=references, inputs=inputs, previous=np.zeros(1), states=reached
+        problem.stage_weights,
+        outputs=outputs,
+        references=references,
+        inputs=inputs,
+        previous=np.zeros(1),
+        states=reached,
     )
     return {"times": times, "statuses": statuses, "apart": apart, "cost": float(np.sum(costs))}
 

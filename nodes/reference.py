@@ -29,7 +29,7 @@ from hybrid_sysid_ros.support.errors import UserError
 CHOOSING = {"kind", "amplitude", "frequency", "hold", "seed"}  # parameters of a reference
 
 
-class Choice:
+class ChosenReference:
     """The reference that the parameters choose."""
 
     def __init__(self, settings: Mapping[str, Any], rig: Rig) -> None:
@@ -78,7 +78,7 @@ class ReferenceNode(RigNode):
                 f"parameter publish_period is {settings['publish_period']:g} s: "
                 f"it must be a multiple of point_spacing, {settings['point_spacing']:g} s"
             )
-        self.choose(Choice(settings, self.rig))
+        self.choose(ChosenReference(settings, self.rig))
         self.offsets = np.arange(round(settings["preview_seconds"] * SECOND) // self.spacing + 1) * self.spacing
         layout = SignalLayout(self.rig, self.rig.system)
         self.tracked = np.flatnonzero(defaults(self.rig, "controller")["output_weight"])
@@ -88,15 +88,15 @@ class ReferenceNode(RigNode):
         self.writer, self.preview = TrajectoryWriter(slots, self.offsets.tolist(), self.signature), b""
         self.measured = Slots([*layout.outputs, *layout.inputs])
 
-    def choose(self, choice: Choice) -> None:
+    def choose(self, choice: ChosenReference) -> None:
         """Begin with another reference."""
-        self.choice: Choice | SetPoint = choice
+        self.choice: ChosenReference | SetPoint = choice
         self.zero = self.sent = 0
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
         if not names & CHOOSING:
             return super().prepare(settings, names)
-        choice = Choice(settings, self.rig)
+        choice = ChosenReference(settings, self.rig)
 
         def begin() -> None:
             now = self.zero + self.timeline.elapsed() if self.active and self.zero else 0

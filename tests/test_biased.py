@@ -20,7 +20,7 @@ SPREAD = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sled(System):
+class WindySled(System):
     """x'' = g u + h w - k x on bristles: a drive, a wind, and what both together do to a gauge."""
 
     states = ("place [m]", "speed [m/s]")
@@ -49,9 +49,9 @@ def along(system: System, drive: np.ndarray, begin: np.ndarray) -> tuple[np.ndar
 
 def test_it_is_the_system_under_the_inputs_with_their_biases():
     """States, deflection and outputs, for b in units of its spreads."""
-    biased, drive, b = Biased(physics=Sled(), spreads=(0.5, 0.2)), inputs(0), np.array([0.6, -1.5])
+    biased, drive, b = Biased(physics=WindySled(), spreads=(0.5, 0.2)), inputs(0), np.array([0.6, -1.5])
     states, outputs = along(biased, drive, np.array([0.1, 0.2, *b, 0.001]))
-    expected, shown = along(Sled(), drive + b * [0.5, 0.2], np.array([0.1, 0.2, 0.001]))
+    expected, shown = along(WindySled(), drive + b * [0.5, 0.2], np.array([0.1, 0.2, 0.001]))
     np.testing.assert_allclose(states[:, [0, 1, 4]], expected, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(outputs, shown, rtol=1e-12, atol=1e-15)
     np.testing.assert_array_equal(states[:, 2:4], np.broadcast_to(b, (len(states), 2)))
@@ -59,7 +59,7 @@ def test_it_is_the_system_under_the_inputs_with_their_biases():
 
 
 def test_its_slopes_are_what_simulations_differ_by():
-    biased, drive, begin = Biased(physics=Sled(), spreads=(0.5, 0.2)), inputs(1, 120), np.zeros(5)
+    biased, drive, begin = Biased(physics=WindySled(), spreads=(0.5, 0.2)), inputs(1, 120), np.zeros(5)
     sensitivities = Sensitivities(biased, parameters=(), states=[2, 3])
     jacobian, starts = np.empty((121, 2, sensitivities.count)), np.array([[0, 0, 121, 0]])
     sensitivities.rollouts(biased, starts, begin[None], drive, step=SAMPLING.step, every=1, out=jacobian)
@@ -74,7 +74,7 @@ def records() -> list[PreparedRecord]:
     found = []
     for seed, bias in enumerate(BIASES):
         drive = inputs(seed, 3000)
-        states, outputs = along(Sled(), drive + np.array([bias, 0.0]), np.zeros(3))
+        states, outputs = along(WindySled(), drive + np.array([bias, 0.0]), np.zeros(3))
         shown = np.zeros((1501, 3))
         shown[:, :2] = states[::2, :2]
         noise = np.random.default_rng(seed).normal(size=(1501, 2)) * [1e-4, 1e-2]
@@ -85,7 +85,7 @@ def records() -> list[PreparedRecord]:
 
 def test_biases_and_parameters_come_back_where_a_plain_fit_errs():
     reported = records()
-    start = Sled(gain=1.0, stiffness=6.0, bristles=200.0)
+    start = WindySled(gain=1.0, stiffness=6.0, bristles=200.0)
     plain = fit(start, reported)
     biased = Biased(physics=start, spreads=(SPREAD, 0.0))
     beside = [replace(item, states=np.insert(item.states, 2, np.zeros((2, 1)), axis=1)) for item in reported]
@@ -93,7 +93,7 @@ def test_biases_and_parameters_come_back_where_a_plain_fit_errs():
     found = biased.biases(fitted.nuisances)
     np.testing.assert_allclose(found["drive"], BIASES, atol=5e-3)
     np.testing.assert_array_equal(found["wind"], 0.0)
-    errors = [np.abs(item.system.values / Sled().values - 1.0).max() for item in (plain, fitted)]
+    errors = [np.abs(item.system.values / WindySled().values - 1.0).max() for item in (plain, fitted)]
     assert errors[1] < 5e-3
     assert errors[0] > 5.0 * errors[1]
 
@@ -101,6 +101,6 @@ def test_biases_and_parameters_come_back_where_a_plain_fit_errs():
 def test_a_prior_without_width_leaves_no_bias():
     reported = records()[:1]
     beside = [replace(item, states=np.insert(item.states, 2, np.zeros((2, 1)), axis=1)) for item in reported]
-    biased = Biased(physics=Sled(), spreads=(1e-9, 1e-9))
+    biased = Biased(physics=WindySled(), spreads=(1e-9, 1e-9))
     found = biased.biases(fit(biased, beside).nuisances)
     assert found["drive"][0] == pytest.approx(0.0, abs=1e-7)

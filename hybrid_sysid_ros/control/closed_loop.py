@@ -94,7 +94,7 @@ class ClosedLoop:
             terms = [output_of(staged, x, np.concatenate([u, rest]))[p:] for x, u in pairs]
             outputs = np.hstack([outputs, np.array(terms)])
         costs = stage_costs(
-            problem,
+            problem.stage_weights,
             outputs=outputs,
             references=self.references,
             inputs=self.inputs,

@@ -6,16 +6,13 @@ The MPC, checks of its imitations, certificates and scores of whole loops use th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
-
-if TYPE_CHECKING:
-    from hybrid_sysid_ros.control.problem import ControlProblem
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,15 +85,15 @@ def _stage_costs(
 
 
 def stage_costs(
-    problem: ControlProblem, *, outputs: Array, references: Array, inputs: Array, previous: Array, states: Array
+    weights: StageWeights, *, outputs: Array, references: Array, inputs: Array, previous: Array, states: Array
 ) -> Array:
     """Cost (samples,) of each stage of a loop.
 
     outputs (samples, p), or with the terms behind them (samples, r), references (samples, p), inputs (samples, m),
-    states (samples, n): each row one stage, see :func:`stage_cost`. previous (m,): the inputs before the first row. The
-    problem is sized.
+    states (samples, n): each row one stage, see :func:`stage_cost`. previous (m,): the inputs before the first row.
+    weights: of one stage, of a problem that is sized.
     """
     rows = [np.ascontiguousarray(part, dtype=float) for part in (outputs, references, inputs, previous, states)]
     costs = np.empty(len(rows[0]))
-    _stage_costs(problem.stage_weights, *rows, costs)
+    _stage_costs(weights, *rows, costs)
     return costs

@@ -25,7 +25,7 @@ CONTENT = "candidate.json"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
+class FitTask:
     """What one structure is to be put through: it goes to another process."""
 
     structure: str
@@ -83,7 +83,7 @@ class Candidate:
         return self.models[0].free_numbers
 
 
-def work(task: Task) -> Candidate:
+def work(task: FitTask) -> Candidate:
     """One structure through all of its task."""
     began = time.perf_counter()
     try:

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.structure import Options, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
-from studies.beam_lecture.candidate import Candidate, Task, work
+from studies.beam_lecture.candidate import Candidate, FitTask, work
 
 Report = Callable[[Candidate], object]
 NEGLIGIBLE = 1e-5
@@ -80,7 +80,7 @@ def compare(
     began = time.perf_counter()
     bare = {id(record): replace(record, channels={}) for record in (*training, *(item for item, _ in tests))}
     tasks = [
-        Task(
+        FitTask(
             structure=structure,
             training=[bare[id(record)] for record in training],
             part=part,

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Criteria:
+class InformationCriteria:
     """Criteria of a Gaussian output-error model with n parameters, from N residuals of mean square s2; less is better.
 
         aic  = N ln s2 + 2 K,  K = n + 1 (the variance is estimated too)            Akaike (1974)
@@ -35,14 +35,14 @@ class Criteria:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judgement:
+class ModelCriteria:
     """Criteria by the plain count of samples, and by the number of them that are worth an independent one."""
 
-    plain: Criteria
-    effective: Criteria
+    plain: InformationCriteria
+    effective: InformationCriteria
 
 
-def criteria(mean_square: float, samples: float, parameters: int) -> Criteria:
+def criteria(mean_square: float, samples: float, parameters: int) -> InformationCriteria:
     """Criteria from the mean square of residuals, their number (or effective number) and that of the parameters.
 
     Raises:
@@ -57,7 +57,7 @@ def criteria(mean_square: float, samples: float, parameters: int) -> Criteria:
     aic = fit + 2 * count
     room = samples - count - 1
     loss = (1 + parameters / samples) / (1 - parameters / samples) if samples > parameters else np.inf
-    return Criteria(
+    return InformationCriteria(
         samples=samples,
         parameters=parameters,
         mean_square=mean_square,
@@ -68,7 +68,7 @@ def criteria(mean_square: float, samples: float, parameters: int) -> Criteria:
     )
 
 
-def judge(models: Mapping[str, tuple[Sequence[Array], int]]) -> dict[str, Judgement]:
+def judge(models: Mapping[str, tuple[Sequence[Array], int]]) -> dict[str, ModelCriteria]:
     """Criteria of models that were fitted to the same data.
 
     models: by name the residuals of each record, each (samples,), and the number of parameters. Free-run residuals are
@@ -93,7 +93,7 @@ def judge(models: Mapping[str, tuple[Sequence[Array], int]]) -> dict[str, Judgem
     tau = autocorrelation_time(models[best][0])
     samples = counts[best]
     return {
-        name: Judgement(
+        name: ModelCriteria(
             plain=criteria(squares[name], samples, parameters),
             effective=criteria(squares[name], samples / tau, parameters),
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.report.rendering import check_available, drawn, identification_content, write_page
 from hybrid_sysid_ros.report.sections import Provenance
-from studies.beam_lecture.criteria import Judgement
+from studies.beam_lecture.criteria import ModelCriteria
 from studies.beam_lecture.report import ProtocolSection, StructureResult
 
 
@@ -83,7 +83,7 @@ def _judged(section: ProtocolSection) -> Iterator[dict[str, Any]]:
         }
 
 
-def _criterion(judgement: Judgement, number: int) -> float:
+def _criterion(judgement: ModelCriteria, number: int) -> float:
     """A column of the table of criteria."""
     found = judgement.plain, judgement.effective
     return found[number // 2].bic if number % 2 else found[number // 2].aicc

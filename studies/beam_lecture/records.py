@@ -154,7 +154,10 @@ def _records(folder: Path) -> tuple[list[Path], list[Path]]:
 
 def _keys(path: Path) -> set[str]:
     with _readable(path):
-        return {name for name, _, _ in whosmat(path)}
+        names = {name for name, _, _ in whosmat(path)}
+        if "" in names:  # what SciPy before 1.15 makes of a file of zeros
+            raise ValueError("a variable without a name")
+    return names
 
 
 @contextmanager

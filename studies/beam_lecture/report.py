@@ -16,7 +16,7 @@ from hybrid_sysid_ros.report.sections import IdentificationSection, identificati
 from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from studies.beam_lecture.criteria import Judgement, judge
+from studies.beam_lecture.criteria import ModelCriteria, judge
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,7 +58,7 @@ class ProtocolSection:
     about: str
     results: Sequence[StructureResult]
     details: Mapping[str, IdentificationSection] = field(default_factory=dict)
-    judgements: Mapping[str, Judgement] = field(default_factory=dict)
+    judgements: Mapping[str, ModelCriteria] = field(default_factory=dict)
 
     @property
     def records(self) -> list[str]:
@@ -122,7 +122,7 @@ def protocol_section(
     )
 
 
-def _judged(models: Mapping[str, Model], training: Sequence[tuple[Record, Part]]) -> dict[str, Judgement]:
+def _judged(models: Mapping[str, Model], training: Sequence[tuple[Record, Part]]) -> dict[str, ModelCriteria]:
     """Criteria of the models that are scored at the first one's period and don't diverge."""
     if not training or not models:
         return {}

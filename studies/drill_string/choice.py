@@ -20,7 +20,7 @@ from studies.drill_string.records import LEARNT, SAMPLING, load
 
 
 @dataclass(frozen=True)
-class Choice:
+class FilterNoises:
     """By ``python -m studies.drill_string choose FOLDER``, on the first half of the public record."""
 
     torque_noise: float = 0.052
@@ -61,11 +61,11 @@ POPULATION, GENERATIONS = 8, 30
 """Of differential evolution, the first for each field."""
 
 
-def chosen(system: SlidingBit, record: Record, *, seed: int = 0) -> Choice:
+def chosen(system: SlidingBit, record: Record, *, seed: int = 0) -> FilterNoises:
     """By differential evolution: the choice with the largest of the smaller of precision and recall in a record."""
 
     def loss(logarithms: Array) -> float:
-        choice = Choice(*np.exp(logarithms).tolist())
+        choice = FilterNoises(*np.exp(logarithms).tolist())
         measured, speed = choice.estimated(system, record)
         judged = stops.found(np.abs(measured) < stops.STUCK, np.abs(speed) < choice.stuck_below)
         return -min(judged["precision"], judged["recall"])
@@ -78,7 +78,7 @@ def chosen(system: SlidingBit, record: Record, *, seed: int = 0) -> Choice:
         rng=seed,
         polish=False,
     )
-    return Choice(*np.exp(found.x).tolist())
+    return FilterNoises(*np.exp(found.x).tolist())
 
 
 Folder = Annotated[Path, typer.Argument(help="Folder that holds drillstring/175_completo_1.mat, or that file.")]

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_file, written_file
 from studies.drill_string import observer, stops
-from studies.drill_string.choice import Choice, Folder
+from studies.drill_string.choice import FilterNoises, Folder
 from studies.drill_string.records import KEPT, LEARNT, RPM, SAMPLING, load
 from studies.drill_string.stops import STUCK
 
@@ -88,12 +88,12 @@ def observed(record: Record) -> dict[str, Any]:
     """
     learnt = LEARNT.of(record, SAMPLING)
     system, balance = observer.identified(learnt)
-    found: dict[str, Any] = {"balance": asdict(balance), "parameters": system.named, "choice": asdict(Choice())}
-    measured, speed = Choice().estimated(system, observer.aligned(record, balance.delay))
+    found: dict[str, Any] = {"balance": asdict(balance), "parameters": system.named, "choice": asdict(FilterNoises())}
+    measured, speed = FilterNoises().estimated(system, observer.aligned(record, balance.delay))
     cut = round(learnt.duration / observer.PERIOD) + 1
     for name, half in (("first", slice(cut)), ("second", slice(cut, None))):
         scores = score(measured[half], speed[half])
-        reported = stops.found(np.abs(measured[half]) < STUCK, np.abs(speed[half]) < Choice().stuck_below)
+        reported = stops.found(np.abs(measured[half]) < STUCK, np.abs(speed[half]) < FilterNoises().stuck_below)
         found[name] = {"r2": scores.r2, "rmse": scores.rmse, "stuck": reported}
     return found
 

@@ -3,23 +3,12 @@
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import ControlProblem, ExactMpc, scenarios
+from hybrid_sysid_ros.control import ExactMpc, scenarios
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
+from tests.control.beam_problem import PROBLEM
 
-PROBLEM = ControlProblem(
-    horizon=10,
-    period=0.02,
-    substeps=4,
-    output_weights=(100.0,),
-    rate_weights=(1.0,),
-    input_low=(-10.0,),
-    input_high=(10.0,),
-    output_scales=(0.0227,),
-    smoothing=0.005,
-    max_iterations=100,
-)
 SPREAD = Spread(amplitude=(0.04,), disturbance=(0.3,), push=(0.01, 0.1), parameters=0.1)
 
 

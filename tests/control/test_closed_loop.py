@@ -48,7 +48,7 @@ def test_a_cost_by_hand():
 def test_each_stage_costs_by_itself():
     loop = loop_of()
     costs = stage_costs(
-        PROBLEM,
+        PROBLEM.stage_weights,
         outputs=loop.outputs,
         references=loop.references,
         inputs=loop.inputs,

@@ -10,21 +10,10 @@ from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control import two_inputs
+from tests.control.beam_problem import PROBLEM
 from tests.one_joint import Linear, narx
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
-PROBLEM = ControlProblem(
-    horizon=10,
-    period=0.02,
-    substeps=4,
-    output_weights=(100.0,),
-    rate_weights=(1.0,),
-    input_low=(-10.0,),
-    input_high=(10.0,),
-    output_scales=(0.0227,),
-    smoothing=0.005,
-    max_iterations=100,
-)
 
 
 def scalar(slope, gain, constant=0.0):

@@ -7,29 +7,18 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
+from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
+from tests.control.beam_problem import PROBLEM
 from tests.one_joint import Linear
 from tests.straight_beam import straight
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
-PROBLEM = ControlProblem(
-    horizon=10,
-    period=0.02,
-    substeps=4,
-    output_weights=(100.0,),
-    rate_weights=(1.0,),
-    input_low=(-10.0,),
-    input_high=(10.0,),
-    output_scales=(0.0227,),
-    smoothing=0.005,
-    max_iterations=100,
-)
 UNBOUNDED = dataclasses.replace(PROBLEM, input_low=(-1e6,), input_high=(1e6,))
 
 

@@ -6,21 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.mpc_speed import cases, loop
-from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
+from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.core import simulate
-
-PROBLEM = ControlProblem(
-    horizon=10,
-    period=0.02,
-    substeps=4,
-    output_weights=(100.0,),
-    rate_weights=(1.0,),
-    input_low=(-10.0,),
-    input_high=(10.0,),
-    output_scales=(0.0227,),
-    smoothing=0.005,
-    max_iterations=100,
-)
+from tests.control.beam_problem import PROBLEM
 
 
 def test_a_real_time_iteration_follows_the_optimum(rig):

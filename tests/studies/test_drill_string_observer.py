@@ -12,11 +12,11 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
 from hybrid_sysid_ros.rigs.plant import Plant
 from studies.drill_string import stops
-from studies.drill_string.choice import Choice
+from studies.drill_string.choice import FilterNoises
 from studies.drill_string.observer import aligned, balance, estimated, identified
 
 LATE, SECONDS = 20, 20
-CHOICE = Choice(
+CHOICE = FilterNoises(
     torque_noise=0.02, twist_noise=0.003, speed_noise=0.1, brake_noise=0.3, top_noise=0.03, fade=5.0, stuck_below=0.3
 )
 """For torques ten times smaller than the public record's."""

@@ -68,7 +68,7 @@ class Compared:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
+class ReplayComparison:
     """Estimates and commands of two bags. recorded, replayed, common: stamps by topic, in each and in both."""
 
     numbers: Sequence[Compared]
@@ -98,7 +98,7 @@ class Comparison:
         }
 
 
-def compare(recorded: Path, replayed: Path, rig: Rig, *, recover: bool = False) -> Comparison:
+def compare(recorded: Path, replayed: Path, rig: Rig, *, recover: bool = False) -> ReplayComparison:
     """Compare estimates and commands of two bags of a rig, the first message of each stamp.
 
     Raises UserError where a topic is missing in one of them or their messages have no number in common.
@@ -130,7 +130,7 @@ def compare(recorded: Path, replayed: Path, rig: Rig, *, recover: bool = False) 
                         replayed=second.values(field, replayed)[there],
                     )
                 )
-    return Comparison(numbers=numbers, recorded=counts[0], replayed=counts[1], common=counts[2])
+    return ReplayComparison(numbers=numbers, recorded=counts[0], replayed=counts[1], common=counts[2])
 
 
 class _Stamped:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Protocol
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.search.cross_validation import Validation, cross_validate
+from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, TrialResult
 from hybrid_sysid_ros.extensions.shared.parallel import Lost, Workers
 from hybrid_sysid_ros.identification.identify import identify
 from hybrid_sysid_ros.identification.part import Part
@@ -17,24 +18,8 @@ from hybrid_sysid_ros.models import Model, Option, Options, Sampling, options_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
-if TYPE_CHECKING:
-    from hybrid_sysid_ros.extensions.search.study import Evaluation, Study
-
 FAILURES = 5
 """Failed evaluations, and no other, after which a search is given up: the mistake is not in the options."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrialResult:
-    """What an evaluation of options brought."""
-
-    score: float = -math.inf
-    """What is maximised, minus infinity where the evaluation diverged or failed."""
-    parts: Mapping[str, float] = field(default_factory=dict)
-    """What the score is made of, by name."""
-    seconds: float = 0.0
-    error: str = ""
-    """Why it failed, empty where it didn't."""
 
 
 class Scored(Protocol):

@@ -7,10 +7,9 @@ import math
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from hybrid_sysid_ros.extensions.search.search import TrialResult
 from hybrid_sysid_ros.extensions.shared.database import database
 from hybrid_sysid_ros.extensions.shared.trials import distribution_of, experimental, sampler_at, study_differences
 from hybrid_sysid_ros.models import Option, Options
@@ -22,6 +21,19 @@ if TYPE_CHECKING:
 
 IMPORTANCE_TRIALS = 100
 """Fewer say nothing about which option matters: it is judged by how the best tenth of the trials is spread."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialResult:
+    """What an evaluation of options brought."""
+
+    score: float = -math.inf
+    """What is maximised, minus infinity where the evaluation diverged or failed."""
+    parts: Mapping[str, float] = field(default_factory=dict)
+    """What the score is made of, by name."""
+    seconds: float = 0.0
+    error: str = ""
+    """Why it failed, empty where it didn't."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -46,7 +46,7 @@ class Shape:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Body:
+class DrawnBody:
     """What moves as one: x is to the right, y up, angles are counter-clockwise."""
 
     shapes: tuple[Shape, ...]
@@ -75,12 +75,12 @@ class Drawing:
 
     def __init__(self, rig: Rig) -> None:
         """Raises UserError where the section ``drawing`` of the rig's file names what is not there."""
-        self.rig, self.bodies = rig, dict[str, Body]()
+        self.rig, self.bodies = rig, dict[str, DrawnBody]()
         where = f"{rig.file}: drawing"
         moving = {name: joint for name, joint in rig.joints.joints.items() if _moves(joint)}
         content = section(rig.content, "drawing", str(rig.file))
         for name, value in content.items():
-            body = built(Body, value, f"{where}.{name}")
+            body = built(DrawnBody, value, f"{where}.{name}")
             if name in (BASE, GROUND):
                 raise UserError(f"{where}.{name}: is what all bodies stand on; give it another name")
             if body.on and body.on not in self.bodies:
@@ -106,13 +106,13 @@ class Drawing:
         """The same, in the rig's order."""
         return [name for name in self.rig.joints.names if name in self.drawn]
 
-    def _dial(self, name: str, joint: Joint, x: float) -> Body:
+    def _dial(self, name: str, joint: Joint, x: float) -> DrawnBody:
         unit = next((item.unit for item in self.rig.system.states if item.name in (joint.position, joint.velocity)), "")
         if unit in ("m", "m/s"):
-            return Body(joint=name, slides=True, at=(x, 0.0), shapes=(Shape(box=(DIAL, DIAL)),))
-        return Body(joint=name, at=(x, 0.0), shapes=(Shape(disc=DIAL),))
+            return DrawnBody(joint=name, slides=True, at=(x, 0.0), shapes=(Shape(box=(DIAL, DIAL)),))
+        return DrawnBody(joint=name, at=(x, 0.0), shapes=(Shape(disc=DIAL),))
 
-    def reach(self, body: Body) -> tuple[float, float]:
+    def reach(self, body: DrawnBody) -> tuple[float, float]:
         """Lowest and highest position of the joint that moves a body; infinite without stops."""
         names, position = [item.name for item in self.rig.system.states], self.rig.joints.joints[body.joint].position
         if position not in names:
@@ -181,7 +181,7 @@ class Drawing:
         ElementTree.indent(robot)
         return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
-    def _join(self, robot: ElementTree.Element, name: str, body: Body) -> None:
+    def _join(self, robot: ElementTree.Element, name: str, body: DrawnBody) -> None:
         """The joint between a body and what carries it."""
         parent = body.on or GROUND
         if not body.joint:

@@ -134,7 +134,7 @@ class Draft:
     def time_for(self, command: Move, change: Array, smooth: bool) -> float:
         """Seconds of a move, checked against what the rig reaches."""
         speed, acceleration = (PEAK_SPEED, PEAK_ACCELERATION) if smooth else (1.0, 0.0)
-        moved = [k for k in np.flatnonzero(change) if self.outputs[k].moves]
+        moved = [k for k in np.flatnonzero(change).tolist() if self.outputs[k].moves]
         if command.rate is not None:
             if command.rate <= 0.0:
                 raise UserError("a rate of 0 goes nowhere: give one above 0")

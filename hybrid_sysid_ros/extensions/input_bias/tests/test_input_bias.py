@@ -32,7 +32,7 @@ def experiment(system, bias, *, amplitude=1.0, noise=0.0, seed=0):
     return Record(name="biased", time=time, input=inputs, output=outputs)
 
 
-class Sled(System):
+class PushedSled(System):
     """x'' = u - F sgn x'."""
 
     states = ("place [m]", "speed [m/s]")
@@ -60,7 +60,7 @@ class Sleds(System):
 
 
 @pytest.mark.parametrize("bias", [0.05, -0.08])
-@pytest.mark.parametrize("system", [Linear(), Sled()], ids=["linear", "dry"])
+@pytest.mark.parametrize("system", [Linear(), PushedSled()], ids=["linear", "dry"])
 def test_a_known_bias_is_found_and_the_rest_of_the_record_met(system, bias):
     found = adapt(system, experiment(system, bias), sampling=SAMPLING, prior=np.array([0.1]), seconds=5.0)
     assert found.estimated[0] == pytest.approx(bias, abs=0.02 * abs(bias))
@@ -79,7 +79,7 @@ def test_each_input_has_a_bias_of_its_own_through_sensors_with_noise():
 
 
 def test_what_comes_after_the_first_seconds_has_no_say_in_the_bias():
-    system = Sled()
+    system = PushedSled()
     record = experiment(system, 0.05)
     later = np.where(record.time[:, None] > 5.0, 3.0, 0.0)
     other = replace(record, input=record.input + later, output=record.output + later * record.time[:, None])
@@ -89,13 +89,13 @@ def test_what_comes_after_the_first_seconds_has_no_say_in_the_bias():
 
 def test_without_a_bias_both_free_runs_are_one():
     """They begin at one state and are scored on the same samples: a bias that can only be zero changes nothing."""
-    found = adapt(Sled(), experiment(Sled(), 0.05), sampling=SAMPLING, prior=np.array([1e-11]), seconds=5.0)
+    found = adapt(PushedSled(), experiment(PushedSled(), 0.05), sampling=SAMPLING, prior=np.array([1e-11]), seconds=5.0)
     assert found.without.r2 == pytest.approx(found.adapted.r2, abs=1e-6)
 
 
 def test_friction_that_never_lets_go_tells_of_no_bias():
     """Any bias that keeps the push below the level is as likely as another, and their mean is none."""
-    system = Sled()
+    system = PushedSled()
     record = experiment(system, 0.0, amplitude=0.1, noise=1e-4)
     assert np.ptp(record.output) < 2e-3
     bias, deviation = estimate(system, record, sampling=SAMPLING, prior=np.array([0.1]))
@@ -154,7 +154,7 @@ def test_maps_from_sample_to_sample_have_biases_too():
 @pytest.mark.parametrize("seconds", [0.2, 0.9, 19.8, 60.0, float("nan"), float("inf")])
 def test_a_record_that_leaves_no_rest_is_refused(seconds):
     with pytest.raises(UserError, match="parted"):
-        adapt(Sled(), experiment(Sled(), 0.0), sampling=SAMPLING, prior=np.array([0.01]), seconds=seconds)
+        adapt(PushedSled(), experiment(PushedSled(), 0.0), sampling=SAMPLING, prior=np.array([0.01]), seconds=seconds)
 
 
 def test_a_model_whose_free_run_says_nothing_tells_no_bias():

@@ -53,7 +53,7 @@ def binary() -> Iterator[Path]:
         yield native_loop(RIG, every, tell=lambda line: None)
 
 
-class Body:
+class LoopBody:
     """Estimator and controller in one of the bodies, and a probe that is their plant and their reference."""
 
     def __init__(
@@ -135,16 +135,16 @@ class Body:
 
 
 @pytest.fixture(params=BODIES)
-def body(request: pytest.FixtureRequest, bench: Bench, domain: int, binary: Path) -> Iterator[Body]:
-    made = Body(request.param, bench, domain, binary, lockstep=True)
+def body(request: pytest.FixtureRequest, bench: Bench, domain: int, binary: Path) -> Iterator[LoopBody]:
+    made = LoopBody(request.param, bench, domain, binary, lockstep=True)
     yield made
     made.close()
 
 
 @pytest.fixture(params=BODIES)
-def timed(request: pytest.FixtureRequest, bench: Bench, domain: int, binary: Path) -> Iterator[Body]:
+def timed(request: pytest.FixtureRequest, bench: Bench, domain: int, binary: Path) -> Iterator[LoopBody]:
     """In real time."""
-    made = Body(request.param, bench, domain, binary, zero_after=0.4, stale_after=0.3, stop_seconds=0.0)
+    made = LoopBody(request.param, bench, domain, binary, zero_after=0.4, stale_after=0.3, stop_seconds=0.0)
     yield made
     made.close()
 
@@ -160,7 +160,7 @@ RESTED: dict[str, dict[str, list[float]]] = {}
 TRIED = 0.25  # V, with which an actuator in doubt is tried again
 
 
-def test_the_bodies_answer_alike(body: Body) -> None:
+def test_the_bodies_answer_alike(body: LoopBody) -> None:
     body.refer(SECOND, 2.0 * VOLT)
     inputs = body.go(60)
     estimate = body.bench.until(lambda: body.estimates)[-1]
@@ -172,7 +172,7 @@ def test_the_bodies_answer_alike(body: Body) -> None:
         np.testing.assert_allclose(native, python, atol=1e-6)
 
 
-def test_both_bodies_rest_where_they_are_lied_to(body: Body) -> None:
+def test_both_bodies_rest_where_they_are_lied_to(body: LoopBody) -> None:
     reports, found = body.bench.listen("/diagnostics", DiagnosticArray), RESTED.setdefault(body.kind, {})
 
     def is_told(words: str) -> bool:
@@ -194,7 +194,7 @@ def test_both_bodies_rest_where_they_are_lied_to(body: Body) -> None:
             np.testing.assert_allclose(RESTED["native"][name], RESTED["python"][name], atol=1e-6)
 
 
-def test_no_measurement_leads_to_a_command_out_of_bounds(body: Body) -> None:
+def test_no_measurement_leads_to_a_command_out_of_bounds(body: LoopBody) -> None:
     body.refer(SECOND, VOLT)
     wild = [math.nan, math.inf, -math.inf, 1e300, -1e300, 0.1, 1e6]
     for k, value in enumerate(wild):
@@ -208,7 +208,7 @@ def test_no_measurement_leads_to_a_command_out_of_bounds(body: Body) -> None:
         assert low[0] <= command.effort[0] <= high[0]
 
 
-def test_the_services_stop_hold_and_free_the_loop(body: Body) -> None:
+def test_the_services_stop_hold_and_free_the_loop(body: LoopBody) -> None:
     body.refer(SECOND, 2.0 * VOLT)
     assert body.go(3)[-1] != 0.0
     assert body.ask("stop").success
@@ -229,27 +229,27 @@ def test_the_services_stop_hold_and_free_the_loop(body: Body) -> None:
     assert body.ask("reset", "estimator").success
 
 
-def test_inputs_rest_when_measurements_stop(timed: Body) -> None:
+def test_inputs_rest_when_measurements_stop(timed: LoopBody) -> None:
     now = timed.bench.probe.get_clock().now().nanoseconds
     timed.refer(now, 5.0 * VOLT)
     timed.bench.until(lambda: _drive(timed).effort[0] != 0.0)
     timed.bench.until(lambda: timed.commands[-1].effort[0] == 0.0)
 
 
-def _drive(body: Body) -> JointState:
+def _drive(body: LoopBody) -> JointState:
     now = body.bench.probe.get_clock().now().nanoseconds
     return body.answered(now)
 
 
 def test_a_driver_may_offer_best_effort(bench: Bench, domain: int, binary: Path) -> None:
     driver = bench.probe.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
-    body = Body("native", bench, domain, binary, measurements=driver, lockstep=True)
+    body = LoopBody("native", bench, domain, binary, measurements=driver, lockstep=True)
     body.refer(SECOND, VOLT)
     assert body.go(3)[-1] != 0.0
     body.close()
 
 
-def test_a_manager_changes_the_states(timed: Body) -> None:
+def test_a_manager_changes_the_states(timed: LoopBody) -> None:
     assert ask(timed.bench, GetState, "controller/get_state", GetState.Request()).current_state.label == "active"
     assert not timed.change(Transition.TRANSITION_CONFIGURE)
     timed.refer(timed.bench.probe.get_clock().now().nanoseconds, 5.0 * VOLT)
@@ -263,7 +263,7 @@ def test_a_manager_changes_the_states(timed: Body) -> None:
     timed.bench.until(lambda: timed.bench.probe.count_publishers("joint_command"))
 
 
-def test_parameters_are_told_set_and_refused(body: Body) -> None:
+def test_parameters_are_told_set_and_refused(body: LoopBody) -> None:
     known = ask(body.bench, ListParameters, "controller/list_parameters", ListParameters.Request()).result.names
     assert {"rig", "zero_after", "output_weight", "use_sim_time"} <= {*known}
     assert body.set("zero_after", 0.7).successful
@@ -277,7 +277,7 @@ def test_parameters_are_told_set_and_refused(body: Body) -> None:
 
 def test_what_the_native_loop_says_of_itself(bench: Bench, domain: int, binary: Path) -> None:
     reports = bench.listen("/diagnostics", DiagnosticArray)
-    body = Body("native", bench, domain, binary, lockstep=True)
+    body = LoopBody("native", bench, domain, binary, lockstep=True)
     found = bench.until(lambda: {item.name for message in reports for item in message.status})
     bench.until(lambda: len({item.name for message in reports for item in message.status}) == 5)
     assert all(name.startswith(("cam_beam/estimator: ", "cam_beam/controller: ")) for name in found)

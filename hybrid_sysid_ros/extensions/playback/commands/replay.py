@@ -13,7 +13,7 @@ from rich.table import Table
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.extensions.playback import replaying
-from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison, compare
+from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, ReplayComparison, compare
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.runtime import session
@@ -81,7 +81,7 @@ def command(
         )
 
 
-def tables(comparison: Comparison) -> list[Table]:
+def tables(comparison: ReplayComparison) -> list[Table]:
     """Differences, a table for each topic."""
     found = []
     for topic, common in comparison.common.items():

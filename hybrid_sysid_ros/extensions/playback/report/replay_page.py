@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hybrid_sysid_ros.extensions.playback.comparison import AHEAD, SETTLED, Comparison
+from hybrid_sysid_ros.extensions.playback.comparison import AHEAD, SETTLED, ReplayComparison
 from hybrid_sysid_ros.report.rendering import check_available, drawn, write_page
 from hybrid_sysid_ros.report.sections import Provenance
 
 
-def write_replay(path: Path | str, comparison: Comparison, title: str, summary: str, provenance: Provenance) -> Path:
+def write_replay(
+    path: Path | str, comparison: ReplayComparison, title: str, summary: str, provenance: Provenance
+) -> Path:
     """Write the page. summary: what was replayed, in a sentence.
 
     Raises:

@@ -13,8 +13,8 @@ from rich.table import Table
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
-from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, TrialResult, search, trial_name
-from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, opened_study
+from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, search, trial_name
+from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, TrialResult, opened_study
 from hybrid_sysid_ros.extensions.shared.cluster import Cluster
 from hybrid_sysid_ros.extensions.shared.parallel import Processes, Workers
 from hybrid_sysid_ros.identification import Part
