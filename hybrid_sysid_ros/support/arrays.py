@@ -23,9 +23,12 @@ LINE = 64
 
 
 def aligned(values: Array) -> Array:
-    """A copy of numbers that begins with a line of the cache: a register across two lines takes twice as long."""
+    """A copy of numbers that begins with a line of the cache: a register across two lines takes twice as long.
+
+    It is not a view of a longer array, whose rest would be printed with it as C.
+    """
     memory = np.empty(values.size + LINE // 8)
     begin = -memory.ctypes.data % LINE // 8
-    found = memory[begin : begin + values.size].reshape(values.shape)
+    found = np.asarray(memory.data[begin : begin + values.size]).reshape(values.shape)
     found[...] = values
     return found
