@@ -16,9 +16,11 @@ from hybrid_sysid_ros.estimation.frozen_sensor import ENOUGH, FrozenSensorDetect
 from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
 from hybrid_sysid_ros.estimation.sensor_monitor import (
     MonitoredSensor,
+    MonitorRecord,
     SensorMonitor,
     is_any_left_out,
     is_contradicted,
+    judge_sensors,
     readmit,
     renew,
     spare_sensors,
@@ -75,6 +77,16 @@ class EstimateWatch:
     astray: bool = False
 
 
+@dataclass(slots=True)
+class SensorTrial:
+    """A second estimate that tries all sensors while one is left out. enough: for how long it must agree with them [s].
+    agreed: for how long it has [s], NaN where it must begin anew.
+    """
+
+    enough: float
+    agreed: float = math.nan
+
+
 def screen(
     sensors: Sequence[MonitoredSensor], detectors: Sequence[FrozenSensorDetector], ring: Floats, outputs: Floats,
     shown: Floats,
@@ -119,6 +131,27 @@ def watch_estimate(
         watch.doubted, watch.astray = 0.0, True
 
 
+def may_try(trial: SensorTrial, sensors: Sequence[MonitoredSensor], shown: Floats) -> bool:
+    """Whether a second estimate can use readings (p,): it waits for a sensor that jumped away, and for a first one."""
+    any_shown = False
+    for k in range(len(sensors)):
+        if sensors[k].away:
+            trial.agreed = math.nan
+            return False
+        any_shown = any_shown or math.isfinite(shown[k])
+    return any_shown or not math.isnan(trial.agreed)
+
+
+def agrees(
+    trial: SensorTrial, monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], shown: Floats, normalised: Floats,
+    elapsed: float,
+) -> bool:  # fmt: skip
+    """Judge an update of the second estimate; whether it has agreed with its sensors (p,) for long enough."""
+    judge_sensors(monitor, sensors, shown, normalised, shown, elapsed)  # none of them is ever left out
+    trial.agreed = math.nan if is_contradicted(sensors) else trial.agreed + elapsed
+    return trial.agreed > trial.enough
+
+
 class MonitoredEstimator:
     """An estimator with its monitor. It makes no other estimates than the one in it, but for what it leaves out.
 
@@ -128,7 +161,8 @@ class MonitoredEstimator:
 
     filter: the estimator. monitor: see :class:`~.sensor_monitor.SensorMonitor`. frozen: a detector for each output.
     shown: the readings of the newest measurement (p,), NaN where a sensor is frozen. outputs: those that were used.
-    watch: see :class:`EstimateWatch`.
+    watch: see :class:`EstimateWatch`. trial, agreement, tried: the second estimator, None where no sensor can be left
+    out, its monitor, and what came of it.
     """
 
     def __init__(
@@ -171,11 +205,11 @@ class MonitoredEstimator:
         self.filter = self._new()
         largest = self.settings.largest
         self.monitor = self._monitor(self._spare, largest)
-        self._agreement = self._monitor(np.zeros_like(self._spare), np.minimum(largest, SOUND).tolist())
+        self.agreement = self._monitor(np.zeros_like(self._spare), np.minimum(largest, SOUND).tolist())
         after = round(self.settings.frozen_after / self._period)
         self.frozen, self.ring = frozen_detectors(self.settings.white_noise, after)
         self.watch = EstimateWatch(self._period, self.tuning.patience)
-        self._agreed = math.nan
+        self.tried = SensorTrial(max(AGREED, ENOUGH * self._period))
 
     def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """See :meth:`.estimator.Estimator.update`."""
@@ -189,8 +223,8 @@ class MonitoredEstimator:
         estimate = self.filter.update(time, self.outputs, applied)
         if elapsed := time_to_judge(watch, time):
             self._judge(estimate, applied, elapsed)
-            if is_any_left_out(sensors):
-                self._try_again(time, applied, elapsed)
+            if self.trial is not None and is_any_left_out(sensors) and may_try(self.tried, sensors, shown):
+                self._try_again(self.trial, time, applied, elapsed)
         return estimate
 
     def _judge(self, estimate: StateEstimate, applied: Array, elapsed: float) -> None:
@@ -200,25 +234,18 @@ class MonitoredEstimator:
         self.monitor.judge(self.shown.tolist(), estimate.normalised.tolist(), expected, elapsed)
         if sum(self.monitor.counts) > out:
             self.filter.loosen()
-            self._agreed = math.nan
+            self.tried.agreed = math.nan
         watch_estimate(self.watch, sensors, estimate.disturbance.tolist(), self.limits.tolist(), elapsed)
 
-    def _try_again(self, time: float, applied: Array, elapsed: float) -> None:
+    def _try_again(self, whole: Estimator, time: float, applied: Array, elapsed: float) -> None:
         """Use all sensors again once a second estimate, which begins anew where they contradict it, agrees with all."""
-        whole, begins = self.trial, math.isnan(self._agreed)
-        if any(sensor.away for sensor in self.monitor.sensors):
-            self._agreed = math.nan
-            return
-        if whole is None or (begins and not np.isfinite(self.shown).any()):
-            return
-        if begins:
+        tried, second = self.tried, self.agreement
+        if math.isnan(tried.agreed):
             whole.reset()
-            renew(self._agreement.sensors)
-            self._agreed = 0.0
-        estimate = whole.update(time, self.shown, applied)
-        self._agreement.judge(self.shown.tolist(), estimate.normalised.tolist(), None, elapsed)
-        self._agreed = math.nan if is_contradicted(self._agreement.sensors) else self._agreed + elapsed
-        if self._agreed > max(AGREED, ENOUGH * self._period):
+            renew(second.sensors)
+            tried.agreed = 0.0
+        normalised = whole.update(time, self.shown, applied).normalised.tolist()
+        if agrees(tried, second.record, second.sensors, self.shown.tolist(), normalised, elapsed):
             whole.counters, self.filter.counters = self.filter.counters, whole.counters
             self.filter, self.trial = whole, self.filter
             readmit(self.monitor.sensors)

@@ -13,6 +13,6 @@ AT_START = LIVE | {
     "use_sim_time",
 }
 """Parameters that may have another value at each start; the others are parts of the compiled loop."""
-UNWATCHED_SENSORS = "checks of extensions, and a second estimate that tries a sensor which was left out"
+UNWATCHED_SENSORS = "checks of extensions"
 UNWATCHED_LOOP = "changes of the files that were loaded"
 """What the native loop does not do, as it says itself."""

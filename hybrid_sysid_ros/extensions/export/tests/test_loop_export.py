@@ -8,9 +8,11 @@ import pytest
 
 import hybrid_sysid_ros as hs
 from benchmarks import loop_fuzz
+from hybrid_sysid_ros.estimation import monitored_estimator
 from hybrid_sysid_ros.extensions.export import compiler
-from hybrid_sysid_ros.extensions.export.unit import daqp_source, folder, stack_use
+from hybrid_sysid_ros.extensions.export.unit import daqp_source, folder, stack_use, unit
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
+from hybrid_sysid_ros.extensions.export.unit.replay import SPELL, recorded
 from hybrid_sysid_ros.extensions.export.unit.unit import affine_initial_states
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.configuration import shipped
@@ -69,6 +71,39 @@ def test_initial_states_are_those_of_the_record_map():
     np.testing.assert_allclose(offset + by_outputs @ y + by_inputs @ u, states, atol=1e-12)
 
 
+@pytest.fixture(scope="module")
+def joint():
+    rig = load_rig("flexible_joint")
+    return rig, loop_in_python(rig, hs.load_model(shipped("flexible_joint", "model")), {"real_time": True})
+
+
+def test_what_is_printed_does_not_depend_on_where_arrays_are(joint):
+    rig, python = joint
+    other = loop_in_python(rig, hs.load_model(shipped("flexible_joint", "model")), {"real_time": True})
+    texts = []
+    for each in (python, other):
+        loop = unit.loop_of(rig, each)
+        printer = unit.translated(loop, each.estimator._arrays, "joint", single=True)
+        texts.append(unit.texts(printer, loop, title="", about={}, seal="", soft=each.mpc.shooting.memory[-1]))
+    assert texts[0] == texts[1]
+
+
+def test_in_a_faulty_loop_a_sensor_is_left_out_and_a_second_estimate_brings_it_back(joint, monkeypatch):
+    """The unit is held to that loop, so that its second estimate is compared, too."""
+    rig, python = joint
+    agreed, agrees = [], monitored_estimator.agrees
+
+    def kept(*given):
+        agreed.append(agrees(*given))
+        return agreed[-1]
+
+    monkeypatch.setattr(monitored_estimator, "agrees", kept)
+    recorded(rig, python, 2 * SPELL, faults=True)
+    assert sum(python.monitored.monitor.counts) > 0
+    assert any(agreed)
+    assert not any(python.monitored.monitor.left_out)
+
+
 def test_a_function_that_calls_itself_has_no_bound(tmp_path):
     node = 'node: {{ title: "{0}" label: "{0}\\nunit.c:1:1\\n{1} bytes (static)" }}'
     edge = 'edge: {{ sourcename: "{0}" targetname: "{1}" label: "unit.c:2:2" }}'
@@ -92,16 +127,16 @@ def test_the_beam_s_loop_in_c_is_that_of_python(tmp_path, driver):
     assert max(done.differences["recorded"].values()) <= (1e-9 if driver == "exact" else 1e-6)
     written = json.loads((tmp_path / "unit" / "export.json").read_text())
     assert written["largest_differences"]["recorded"] == done.differences["recorded"]
-    unit, name = tmp_path / "unit", done.name
-    objects = loop_fuzz.sanitized_objects(unit, name, tmp_path)
-    common = ["-I", str(unit), "-I", str(unit / "daqp")]
-    own = [str(unit / f"{name}_test.c"), *map(str, objects), "-lm"]
+    written_to, name = tmp_path / "unit", done.name
+    objects = loop_fuzz.sanitized_objects(written_to, name, tmp_path)
+    common = ["-I", str(written_to), "-I", str(written_to / "daqp")]
+    own = [str(written_to / f"{name}_test.c"), *map(str, objects), "-lm"]
     subprocess.run([COMPILER, "-std=c99", *loop_fuzz.SANITIZED, *common, *own], cwd=tmp_path, check=True)
     ran = subprocess.run([str(tmp_path / "a.out")], capture_output=True, text=True, check=False)
     assert (ran.returncode, ran.stderr) == (0, ""), ran.stdout
     assert f"0 of {folder.SHOWN} periods wrong" in ran.stdout
     loop = loop_in_python(rig, model, settings)
-    said = loop_fuzz.fuzzed(unit, name, loop, objects, calls=FUZZED, seed=0)
+    said = loop_fuzz.fuzzed(written_to, name, loop, objects, calls=FUZZED, seed=0)
     assert said.startswith(f"{FUZZED} calls: every input")
     as_cpp = [
         COMPILER,
@@ -113,7 +148,7 @@ def test_the_beam_s_loop_in_c_is_that_of_python(tmp_path, driver):
         "-Wextra",
         "-Werror",
         *common,
-        str(unit / f"{name}.c"),
+        str(written_to / f"{name}.c"),
     ]
     subprocess.run(as_cpp, check=True)
     symbols = subprocess.run(["nm", "-u", *objects], capture_output=True, text=True, check=True).stdout

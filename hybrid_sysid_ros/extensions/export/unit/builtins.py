@@ -13,6 +13,7 @@ from hybrid_sysid_ros.core import call, registers
 from hybrid_sysid_ros.estimation import belief
 from hybrid_sysid_ros.extensions.export.unit.assignments import FRESH, ZEROS
 from hybrid_sysid_ros.extensions.export.unit.body import FunctionBody
+from hybrid_sysid_ros.extensions.export.unit.loop_kernels import exchange
 from hybrid_sysid_ros.extensions.export.unit.values import (
     BOOL,
     INT,
@@ -222,15 +223,21 @@ def _select(body: FunctionBody, test: Value, number: Value, other: Value) -> Val
 
 @_of(quadratic_program._update)
 def _update(body: FunctionBody, function: Value, changed: Value, workspace: Value, problem: Value) -> Value:
-    body.made.calls.add("solver")
+    body.made.calls.add("unit")
     number = body.number(changed).text
-    return NumberValue(INT, f"{body.translator.rig}_update($solver$, {number})")
+    return NumberValue(INT, f"{body.translator.rig}_update($unit$, {number})")
 
 
 @_of(quadratic_program._solve)
 def _solve(body: FunctionBody, function: Value, result: Value, workspace: Value) -> Value:
-    body.made.calls.add("solver")
-    return NumberValue(INT, f"{body.translator.rig}_search($solver$)")
+    body.made.calls.add("unit")
+    return NumberValue(INT, f"{body.translator.rig}_search($unit$)")
+
+
+@_of(exchange)
+def _exchange(body: FunctionBody, loop: Value) -> None:
+    body.made.calls.add("unit")
+    body.line(f"{body.translator.rig}_exchange($unit$);")
 
 
 # ---------------------------------------------------------------------- registers

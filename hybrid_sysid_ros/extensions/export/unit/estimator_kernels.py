@@ -52,8 +52,8 @@ def begin(loop: PrintedLoop, time: float) -> None:
         mean[size - core.followed + i] = initial.parameters[i]
     _believe(loop, row, lost, mean, deviations, initialised)
     _write(loop, row, mean, deviations, initialised)
-    progress = loop.progress[0]
-    progress.newest, progress.last, progress.started = time, time, 1
+    stamps = loop.stamps[0]
+    stamps.newest, stamps.last, stamps.started = time, time, 1
     filtered(loop.memory, BEGIN, 0.0, 0.0, 0, loop.outputs, loop.applied, loop.out, loop.P, predict)
 
 
@@ -178,23 +178,23 @@ def begin_from(loop: PrintedLoop, index: int, lost: Array) -> bool:
 
 def estimate(loop: PrintedLoop, time: float) -> bool:
     """Update the estimate by a measurement at ``time`` [s]; False while there is none."""
-    progress = loop.progress[0]
-    elapsed, valid = time - progress.last, 0
+    stamps = loop.stamps[0]
+    elapsed, valid = time - stamps.last, 0
     for k in range(loop.outputs.shape[0]):
         if math.isfinite(loop.outputs[k]):
             valid += 1
-    if not math.isfinite(time) or (progress.started == 0 and valid == 0):
-        return progress.started != 0
-    if progress.started == 0:
+    if not math.isfinite(time) or (stamps.started == 0 and valid == 0):
+        return stamps.started != 0
+    if stamps.started == 0:
         begin(loop, time)
     elif elapsed > 0.0 and elapsed <= LONGEST_GAP:
-        since = progress.last
-        progress.last = time
+        since = stamps.last
+        stamps.last = time
         _take(loop, time, since)
     elif valid == 0:
         filtered(loop.memory, LOOK, 0.0, 0.0, 0, loop.outputs, loop.applied, loop.out, loop.P, predict)
     elif elapsed > 0.0:
-        progress.resets += 1
+        loop.progress[0].resets += 1
         begin(loop, time)
     else:
         _take(loop, time, time)
@@ -203,16 +203,19 @@ def estimate(loop: PrintedLoop, time: float) -> bool:
 
 def _take(loop: PrintedLoop, time: float, since: float) -> None:
     """Put a measurement in its place, and begin again where a sensor has been an outlier for too long."""
-    progress, core = loop.progress[0], loop.memory[0][0]
+    progress, stamps, core = loop.progress[0], loop.stamps[0], loop.memory[0][0]
     code = filtered(loop.memory, MEASURE, time, since, 0, loop.outputs, loop.applied, loop.out, loop.P, predict)
-    if time > progress.newest:
-        progress.newest = time
+    if time > stamps.newest:
+        stamps.newest = time
     if code == LOST:
         progress.resets += 1
         _last_outputs(loop)
-        for j in range(loop.applied.shape[0]):
+        applied = np.zeros(core.inputs)
+        copy(loop.applied, applied)
+        for j in range(core.inputs):
             loop.applied[j] = 0.0
-        begin(loop, progress.newest)
+        begin(loop, stamps.newest)
+        copy(applied, loop.applied)
     elif code == ODD:
         _, _, moments, readings, _ = loop.memory
         index, p = core.at, core.outputs

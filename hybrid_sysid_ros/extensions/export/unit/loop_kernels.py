@@ -17,9 +17,23 @@ from hybrid_sysid_ros.control.mpc.linearisation import assign
 from hybrid_sysid_ros.control.safety import guarding
 from hybrid_sysid_ros.control.safety.governor import come_back, lead_from
 from hybrid_sysid_ros.control.safety.supervision import answer_supervised, begin_supervision, prepare_supervised
-from hybrid_sysid_ros.estimation.belief import numbers_at
-from hybrid_sysid_ros.estimation.monitored_estimator import DIVERGED, screen, time_to_judge, watch_estimate
-from hybrid_sysid_ros.estimation.sensor_monitor import doubt_of, is_any_left_out, judge_sensors, renew, without
+from hybrid_sysid_ros.estimation.belief import copy, numbers_at
+from hybrid_sysid_ros.estimation.monitored_estimator import (
+    DIVERGED,
+    agrees,
+    may_try,
+    screen,
+    time_to_judge,
+    watch_estimate,
+)
+from hybrid_sysid_ros.estimation.sensor_monitor import (
+    doubt_of,
+    is_any_left_out,
+    judge_sensors,
+    readmit,
+    renew,
+    without,
+)
 from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate, loosen, show
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED, WAITING, PrintedLoop
 from hybrid_sysid_ros.support.arrays import Array
@@ -57,6 +71,12 @@ def observe(loop: PrintedLoop, time: float) -> bool:
         elapsed = time_to_judge(watch, time)
         if elapsed > 0.0:
             _watch(loop, elapsed)
+            if (
+                len(monitor.trial) > 0
+                and is_any_left_out(sensors)
+                and may_try(monitor.trial[0], sensors, monitor.shown)
+            ):
+                _try_again(loop, time, elapsed)
     progress.doubt = max(doubt_of(sensors), DIVERGED if watch.diverged else 0.0)
     progress.without = float(without(monitor.core[0], sensors))
     return True
@@ -73,7 +93,36 @@ def _watch(loop: PrintedLoop, elapsed: float) -> None:
     judge_sensors(monitor.core[0], monitor.sensors, monitor.shown, out[first : first + core.outputs], expected, elapsed)
     if _times_left_out(loop) > out_before:
         loosen(loop)
+        if len(monitor.trial) > 0:
+            monitor.trial[0].agreed = math.nan
     watch_estimate(monitor.watch[0], monitor.sensors, loop.instance.disturbance, monitor.limits, elapsed)
+
+
+def exchange(loop: PrintedLoop) -> None:
+    """Let the other one of two estimates be the loop's. In C it is a pointer; Python has two objects."""
+    raise NotImplementedError
+
+
+def _try_again(loop: PrintedLoop, time: float, elapsed: float) -> None:
+    """Use all sensors again once the second estimate, which begins anew where they contradict it, agrees with all."""
+    core, out, monitor, resets = loop.memory[0][0], loop.out, loop.monitor, loop.progress[0].resets
+    tried, first = monitor.trial[0], 2 * core.states + core.inputs + core.followed + core.outputs + 1
+    before = np.zeros(len(out))
+    copy(out, before)
+    exchange(loop)
+    if math.isnan(tried.agreed):
+        forget_estimate(loop)
+        renew(monitor.agreement)
+        tried.agreed = 0.0
+    copy(monitor.shown, loop.outputs)
+    estimate(loop, time)
+    normalised = out[first : first + core.outputs]
+    if agrees(tried, monitor.core[0], monitor.agreement, monitor.shown, normalised, elapsed):
+        readmit(monitor.sensors)
+    else:
+        exchange(loop)
+    copy(before, out)
+    loop.progress[0].resets = resets
 
 
 def _times_left_out(loop: PrintedLoop) -> int:
@@ -235,9 +284,21 @@ def prepare(loop: PrintedLoop, elapsed: float) -> None:
 
 def rebase(loop: PrintedLoop) -> float:
     """Count time, and the integrals of inputs, from the newest measurement on; return its time until now [s]."""
-    progress = loop.progress[0]
+    by = loop.stamps[0].newest
+    _shift(loop, by)
+    if len(loop.monitor.trial) > 0:
+        exchange(loop)
+        _shift(loop, by)
+        exchange(loop)
+    loop.progress[0].answered -= by
+    loop.monitor.watch[0].last -= by
+    return by
+
+
+def _shift(loop: PrintedLoop, by: float) -> None:
+    """Count an estimate's time from ``by`` [s] on."""
+    stamps, last = loop.stamps[0], loop.memory[4].shape[0] - 1
     cores, _, moments, _, inputs = loop.memory
-    by, last = progress.newest, inputs.shape[0] - 1
     for k in range(cores[0].count):
         moments[k].time -= by
     for i in range(inputs.shape[0]):
@@ -246,11 +307,8 @@ def rebase(loop: PrintedLoop) -> float:
         whole = inputs[last, j]
         for i in range(inputs.shape[0]):
             inputs[i, j] -= whole
-    progress.newest = 0.0
-    progress.last -= by
-    progress.answered -= by
-    loop.monitor.watch[0].last -= by
-    return by
+    stamps.newest -= by
+    stamps.last -= by
 
 
 def forget_measurements(loop: PrintedLoop) -> None:
@@ -261,11 +319,11 @@ def forget_measurements(loop: PrintedLoop) -> None:
 
 def forget_estimate(loop: PrintedLoop) -> None:
     """Begin an estimate anew with the next measurement."""
-    progress, core = loop.progress[0], loop.memory[0][0]
+    stamps, core = loop.stamps[0], loop.memory[0][0]
     known = numbers_at(core.applied)
     for j in range(core.inputs):
         known[j] = 0.0
-    progress.started, progress.last = 0, math.nan
+    stamps.started, stamps.last = 0, math.nan
 
 
 def begin_control(loop: PrintedLoop) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,13 +26,13 @@ WIDTH = 118
 
 
 class Printer:
-    """Prints what a translator has translated."""
+    """Prints what a translator has translated. twice: names of arrays that the unit has twice, as two estimates do."""
 
-    def __init__(self, translator: Translator) -> None:
-        self.translator = translator
+    def __init__(self, translator: Translator, twice: Sequence[str] = ()) -> None:
+        self.translator, self.twice = translator, twice
         self.rig, self.layout = translator.rig, translator.layout
         self._functions = {item.name: item for item in translator.functions.values()}
-        self._remembering: dict[str, bool] = {"solver": True}
+        self._remembering: dict[str, bool] = {"unit": True}
 
     @property
     def written(self) -> list[str]:
@@ -69,11 +69,22 @@ class Printer:
 
     def memory(self) -> str:
         """Members of the unit's memory."""
-        lines = []
-        for name in self.written:
-            array = self.layout.arrays[name]
-            lines.append(f"    {self.translator.type_of(element(array.dtype))} {name}[{array.size}];")
-        return "\n".join(lines)
+        return "\n".join(self._member(name) for name in self.written if name not in self.twice)
+
+    def filter(self) -> str:
+        """The type of what the unit has twice."""
+        lines = [self._member(name) for name in self.written if name in self.twice]
+        return "\n".join(["typedef struct {", *lines, f"}} {self.rig}_filter;", ""])
+
+    def _member(self, name: str) -> str:
+        array = self.layout.arrays[name]
+        return f"    {self.translator.type_of(element(array.dtype))} {name}[{array.size}];"
+
+    def place(self, name: str) -> str:
+        """An array in C."""
+        if not self.layout.places[name].written:
+            return f"{self.rig}_{name}"
+        return f"unit->filter->{name}" if name in self.twice else f"unit->{name}"
 
     # ------------------------------------------------------------------ constants
 
@@ -83,11 +94,14 @@ class Printer:
 
     def beginnings(self) -> tuple[str, str]:
         """Constants with which arrays begin, and the lines that copy them."""
-        tables, lines = [], []
+        tables, lines, twice = list[str](), list[str](), list[str]()
         for name in self.written:
             table, own = self._beginning(name)
             tables += table
-            lines += own
+            (twice if name in self.twice else lines).extend(own)
+        if self.twice:
+            lines += ["    for (int k = 0; k < 2; k++) {", "        unit->filter = &unit->filters[k];"]
+            lines += [textwrap.indent(line, "    ") for line in twice] + ["    }"]
         return "\n".join(tables), "\n".join(lines)
 
     def begun_again(self, prefix: str) -> str:
@@ -95,7 +109,7 @@ class Printer:
         lines = []
         for name in self.written:
             if name.startswith(prefix):
-                lines += self._beginning(name)[1] or [f"    memset(unit->{name}, 0, sizeof unit->{name});"]
+                lines += self._beginning(name)[1] or [f"    memset({self.place(name)}, 0, sizeof {self.place(name)});"]
         return "\n".join(lines)
 
     def _beginning(self, name: str) -> tuple[list[str], list[str]]:
@@ -104,11 +118,11 @@ class Printer:
         set_members = [key for key in array.dtype.names or () if np.any(array[key])]
         if set_members and all(np.array_equal(array[key], np.arange(array.size)) for key in set_members):
             lines += [f"    for (int i = 0; i < {array.size}; i++) {{"]
-            lines += [f"        unit->{name}[i].{key} = i;" for key in set_members]
+            lines += [f"        {self.place(name)}[i].{key} = i;" for key in set_members]
             lines += ["    }"]
         elif array.tobytes().strip(b"\0"):
             tables.append(self.table(f"{self.rig}_{name}_at_first", array))
-            lines.append(f"    memcpy(unit->{name}, {self.rig}_{name}_at_first, sizeof unit->{name});")
+            lines.append(f"    memcpy({self.place(name)}, {self.rig}_{name}_at_first, sizeof {self.place(name)});")
         return tables, lines
 
     def table(self, name: str, array: Array) -> str:
@@ -138,7 +152,7 @@ class Printer:
     def functions(self) -> str:
         """All functions, each behind those that it calls."""
         found, waiting = [], list(self._functions.values())
-        done: set[str] = {"solver"}
+        done: set[str] = {"unit"}
         while waiting:
             ready = [item for item in waiting if item.calls <= done]
             for item in ready:
@@ -209,14 +223,10 @@ class Printer:
     def final(self, text: str) -> str:
         """A text with memory, constants and const in place of their marks."""
 
-        def array(found: re.Match[str]) -> str:
-            name = found[1]
-            return f"unit->{name}" if self.layout.places[name].written else f"{self.rig}_{name}"
-
         def memory(found: re.Match[str]) -> str:
             return f"unit{found[2]}" if self.remembers(found[1]) else found[2].removeprefix(", ")
 
-        text = re.sub(r"@(\w+)@", array, text)
+        text = re.sub(r"@(\w+)@", lambda found: self.place(found[1]), text)
         text = re.sub(r"\$(\w+)\$(, |)", memory, text)
         text = re.sub(r"§(\d+)§", lambda found: "" if self.translator.places[int(found[1])].written else "const ", text)
         return text.replace("PLACEHOLDER", self.rig)

@@ -136,7 +136,6 @@ def loop_in_python(
     if not isinstance(mpc, ExactMpc):
         raise UserError(f"export: a {type(inner).__name__} can't be printed as C; give the exact MPC or a supervisor")
     monitored = estimator_of(rig, model.system, values, latency=given["latency"])
-    monitored.trial = None  # a second estimate is not printed yet
     rest = np.array([actuator.rest for actuator in rig.actuators])
     guard = Guard(guard_settings(given, rig, model.system))
     lead = model.system.delay + given["latency"]

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.control.safety.failsafe import Evidence, Failsafe
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor
 from hybrid_sysid_ros.control.safety.guarding import GuardedInput, GuardMemory, GuardRecord, StateRange
 from hybrid_sysid_ros.estimation.frozen_sensor import FrozenSensorDetector
-from hybrid_sysid_ros.estimation.monitored_estimator import EstimateWatch, MonitoredEstimator
+from hybrid_sysid_ros.estimation.monitored_estimator import EstimateWatch, MonitoredEstimator, SensorTrial
 from hybrid_sysid_ros.estimation.sensor_monitor import MonitoredSensor, MonitorRecord
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -28,6 +28,7 @@ RECORD_NAMES = {
     StateRange: "range_record",
     FrozenSensorDetector: "detector_record",
     EstimateWatch: "watch_record",
+    SensorTrial: "trial_record",
     MonitoredSensor: "sensor_record",
     MonitorRecord: "monitor_record",
 }
@@ -70,11 +71,15 @@ class SensorWatch(NamedTuple):
     """(p,), readings of the newest measurement, NaN where a sensor is frozen."""
     limits: Array
     """(m,), of the disturbance."""
+    trial: Any
+    """(1,) of :class:`SensorTrial`; (0,) where no sensor can be left out, and so there is no second estimate."""
+    agreement: Any
+    """(p,), the sensors as the second estimate judges them; (0,)."""
 
 
 def watch_records(estimator: MonitoredEstimator) -> SensorWatch:
     """The memory of what watches an estimate."""
-    monitor = estimator.monitor
+    monitor, count = estimator.monitor, 0 if estimator.trial is None else 1
     return SensorWatch(
         core=records([monitor.record]),
         watch=records([estimator.watch]),
@@ -83,4 +88,6 @@ def watch_records(estimator: MonitoredEstimator) -> SensorWatch:
         ring=np.array(estimator.ring),
         shown=np.zeros(len(monitor.sensors)),
         limits=estimator.limits.copy(),
+        trial=records([estimator.tried])[:count],
+        agreement=records(estimator.agreement.sensors)[: count * len(monitor.sensors)],
     )

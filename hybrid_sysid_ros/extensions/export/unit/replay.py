@@ -20,8 +20,8 @@ UNKNOWN = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)
 """Applied inputs that no rig has. A million moves an unstable rig to 1e60, where rounding decides the sign."""
 
 
-FAULTS = ("frozen", "flipped", "outliers", "silent", "stuck")
-"""What sensors, and in the end actuators, do in a loop with faults, one after the other."""
+FAULTS = ("flipped", "frozen", "outliers", "silent", "stuck")
+"""What the last sensor, then all, and in the end the actuators do in a loop with faults, one after the other."""
 SPELL = 200
 """Periods for each fault: the second half of these has it."""
 
@@ -72,13 +72,14 @@ def recorded(
 
 def _read(fault: str, k: int, outputs: Array, sound: Array) -> Array:
     """What sensors show in a fault in period k. sound: readings from before the fault."""
+    last = np.arange(len(outputs)) == len(outputs) - 1
     match fault:
-        case "frozen":
-            return sound
         case "flipped":
-            return -outputs
+            return np.where(last, -outputs, outputs)
+        case "frozen":
+            return np.where(last, sound, outputs)
         case "outliers":
-            return outputs + 100.0 * (k % 7 == 0)
+            return outputs + 100.0 * last * (k % 7 == 0)
         case "silent":
             return np.full_like(outputs, np.nan)
     return outputs

@@ -47,7 +47,7 @@ KEYWORDS = (
 RESERVED = (
     "init", "reset", "step", "observe", "expected", "judge", "decide", "decide_from", "sent", "at_rest", "lead",
     "come_back", "forget_estimate", "forget_plan", "prepare", "min", "max", "update", "search", "allocate", "release",
-    "status", "level", "cause",
+    "exchange", "filter", "status", "level", "cause",
 )  # fmt: skip
 """What the unit itself has, behind the name of the rig."""
 

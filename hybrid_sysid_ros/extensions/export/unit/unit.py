@@ -20,7 +20,9 @@ from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.unit import loop_kernels as kernels
 from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import (
+    FILTER,
     PROGRESS,
+    STAMPS,
     InitialStates,
     LoopNumbers,
     PrintedLoop,
@@ -37,9 +39,21 @@ from hybrid_sysid_ros.support.errors import UserError
 UNIT_TEMPLATES = Path(__file__).parent / "c"
 RECORDS = [(CORE, "core"), (CHANNEL, "channel"), (MOMENT, "moment"), (READING, "reading")]
 RECORDS += [(record_type(kind), name) for kind, name in RECORD_NAMES.items()]
-RECORDS += [(SOLUTION, "solution"), (PROGRESS, "progress"), (CALL, "call"), (SUPERVISION, "supervision")]
+RECORDS += [
+    (SOLUTION, "solution"),
+    (PROGRESS, "progress"),
+    (STAMPS, "stamps"),
+    (CALL, "call"),
+    (SUPERVISION, "supervision"),
+]
 OF_FLOATS = {"RISE": 1e-6, "DIFFERENCE": 3.5e-4, "VIOLATION": 1e-5, "INPUT_ROUNDING": 1e-6}
 """Constants of kernels that the rounding of doubles chose, for that of floats, 1e-7; the second is its root."""
+EXCHANGE = """/* Let the other one of two estimates be the loop's: the second one tries sensors that were left out. */
+static void @{name}_exchange(@{name}_memory *unit)
+{
+    unit->filter = unit->filter == unit->filters ? unit->filters + 1 : unit->filters;
+}
+"""
 NARROW = {"WIDE": 8, "HALF": 8}
 """Units of a network side by side: their sums fit into the registers of a small processor."""
 RESIDUAL = 1e-4
@@ -61,8 +75,8 @@ def loop_of(rig: Rig, python: PythonLoop) -> PrintedLoop:
         )
     if tuning.channels:
         raise UserError(f"export: channel {next(iter(tuning.channels))} of the estimator can't be printed as C yet")
-    progress = np.zeros(1, PROGRESS)
-    progress["last"] = progress["answered"] = np.nan
+    progress, stamps = np.zeros(1, PROGRESS), np.zeros(1, STAMPS)
+    stamps["last"] = progress["answered"] = np.nan
     followed, m = len(tuning.followed), len(system.inputs)
     offsets = np.zeros((followed, m)) if estimator._offsets is None else np.array(estimator._offsets)
     named = system.named
@@ -70,6 +84,7 @@ def loop_of(rig: Rig, python: PythonLoop) -> PrintedLoop:
     _clear(mpc.shooting.horizon)
     return PrintedLoop(
         progress=progress,
+        stamps=stamps,
         settings=LoopNumbers(
             period=float(estimator.period),
             patience=int(tuning.patience),
@@ -181,12 +196,13 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
             if name in layout.places:  # there may be no rows
                 layout.places[name].write()
                 layout.used.add(name)
-        return Printer(translator)
+        return Printer(translator, FILTER if loop.monitor.trial.size else ())
 
 
 def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Array]) -> None:
     cores, channels, moments, readings, inputs = loop.memory
     layout.add("progress", loop.progress)
+    layout.add("stamps", loop.stamps)
     for name in ("outputs", "applied", "plan", "command", "out", "P", "gains", "low", "high", "now"):
         layout.add(name, getattr(loop, name))
     for name, value in (("core", cores), ("channels", channels), ("moments", moments), ("readings", readings)):
@@ -236,8 +252,10 @@ def texts(
         "outputs": p,
         "horizon": horizon,
         "preview": n + 2 * m,
-        "records": printer.records(),
+        "records": printer.records() + (printer.filter() if printer.twice else ""),
         "memory": printer.memory(),
+        "filters": f"    {rig}_filter filters[2];\n    {rig}_filter *filter;\n" if printer.twice else "",
+        "exchange": Text(EXCHANGE).substitute(name=rig) if printer.twice else "",
         "arena": _arena(variables, rows, int(np.sum(program.states & SOFT != 0))),
         "structures": printer.structures(),
         "tables": printer.tables(),
@@ -273,7 +291,7 @@ def texts(
 def _rebased(printer: Printer) -> str:
     """Lines that count time from the newest measurement on: a float that counts hours can't tell milliseconds."""
     return (
-        "    if (unit->progress[0].started) {\n"
+        f"    if ({printer.place('stamps')}[0].started) {{\n"
         f"        unit->origin += (double){printer.entry(kernels.rebase, '')};\n"
         "    } else if (isfinite(measurement->time)) {\n"
         "        unit->origin = measurement->time;\n"

@@ -86,6 +86,7 @@ static int @{name}_search(@{name}_memory *unit)
 
 /* ------------------------------------------------------------------ the loop */
 
+@exchange
 @functions
 /* ------------------------------------------------------------------ what begins as something else than zero */
 
@@ -147,7 +148,6 @@ int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement
     memcpy(unit->outputs, measurement->outputs, sizeof unit->outputs);
     memcpy(unit->applied, measurement->applied, sizeof unit->applied);
 @rebase    known = @observe;
-    memcpy(unit->applied, measurement->applied, sizeof unit->applied); /* what cannot be right was taken from it */
     memcpy(command->state, unit->out, sizeof command->state);
     memcpy(command->ahead, unit->out + @{NAME}_STATES, sizeof command->ahead);
     memcpy(command->disturbance, unit->instance + @{NAME}_STATES, sizeof command->disturbance);

@@ -77,7 +77,7 @@ typedef struct {
 /* All memory of a loop; its members are not for users. */
 typedef struct {
 @memory
-    DAQPProblem problem;
+@filters    DAQPProblem problem;
     DAQPWorkspace workspace;
     DAQPSettings settings;
     DAQPResult result;
