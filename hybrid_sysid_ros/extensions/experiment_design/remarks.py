@@ -25,10 +25,13 @@ QUIET = 1e-3
 """Noise in an output's deviation where no sensor declares more."""
 RESTING, RARE = 0.02, 0.05
 """Share of a rate's largest value below which a state rests, and share of the time below which a motion is rare."""
-ORDER, CERTAIN, ENOUGH, JUMP = 12, 1e-4, 20_000, 5.0
-"""Samples of the past, level of the test for feedback, samples of a record to which it is applied, and how many times
-as far as usual an input moves in a jump.
+ORDER, OWN, CERTAIN, ENOUGH, JUMP = 12, 60, 1e-4, 20_000, 5.0
+"""Samples of an output's past and of an input's own, level of the test for feedback, samples of a record to which it is
+applied, and how many times as far as usual an input moves in a jump. An input's own past is longer, since the output
+remembers it, too.
 """
+MOST_NEAR = 0.8
+"""Share of the samples near jumps from which these have a say all the same."""
 
 
 def remarks_of(records: Sequence[Record], rig: Rig) -> list[str]:
@@ -101,14 +104,18 @@ def _feedback(records: Sequence[Record], rig: Rig) -> Iterator[str]:
                 if leads(y, u):
                     found.add(f"{item.name} answers {output.name}")
     if found:
-        yield f"closed loop: {', '.join(sorted(found))}; the noise of the outputs is in the inputs, too"
+        yield (
+            f"closed loop: {', '.join(sorted(found))}; the noise of the outputs is in the inputs, too (or an input's "
+            "sensor is noisier than an output, which then shows it better)"
+        )
 
 
 def leads(output: Array, given: Array) -> bool:
     """Whether the past of an output (samples,) foretells an input (samples,) beside the input's own past.
 
-    Samples in which the input jumps have no say, for an output foretells when the next step of an experiment is due. In
-    an input that only jumps, they have it alone, beside the levels before.
+    Samples in which the input jumps have no say, for an output foretells when the next step of an experiment is due,
+    nor the next ones, in which it shows a noisy input's new level. In an input that only jumps, jumps have it alone,
+    beside the levels before and what those do to the output.
     """
     y, u = output[:ENOUGH], given[:ENOUGH]
     if np.ptp(y) == 0.0 or np.ptp(u) == 0.0:
@@ -116,21 +123,37 @@ def leads(output: Array, given: Array) -> bool:
     y, u = ((values - values.mean()) / values.std() for values in (y, u))
     moves = np.abs(np.diff(u, prepend=u[0]))
     jumps = moves > JUMP * np.median(moves)
-    windows = np.lib.stride_tricks.sliding_window_view
     if moves[~jumps].any():
-        rows = np.flatnonzero(~jumps)
-        rows, levels = rows[rows >= ORDER], u
+        near = np.convolve(jumps, np.ones(ORDER + 1))[: len(u)] > 0.5
+        levels, own, rows = u, OWN, np.flatnonzero(~(jumps if near.mean() > MOST_NEAR else near))
+        rows = chosen = rows[rows >= OWN]
     else:  # a jump may take some samples, where means of a step are recorded
-        rows = np.flatnonzero(jumps & ~np.append(False, jumps[:-1]))[ORDER:]
-        levels = u[jumps & ~np.append(jumps[1:], False)]
-    if len(rows) < 4 * ORDER:
+        levels, own, y = u[jumps & ~np.append(jumps[1:], False)], ORDER, _innovations(y, u)
+        rows = np.flatnonzero(jumps & ~np.append(False, jumps[:-1]))[ORDER : len(levels)]
+        chosen = np.flatnonzero(rows >= OWN) + ORDER
+        rows = rows[rows >= OWN]
+    free = len(rows) - own - ORDER - 1
+    if free < 2 * ORDER:
         return False
-    chosen = rows - ORDER if levels is u else slice(None)
-    aim, before = levels[ORDER:][chosen], windows(levels[:-1], ORDER)[chosen]
-    own, squares = np.column_stack([before, np.ones(len(rows))]), []
-    for past in (own, np.hstack([own, windows(y[:-1], ORDER)[rows - ORDER]])):
-        left = aim - past @ lstsq(past, aim)[0]
-        squares.append(float(left @ left))
+    past = np.column_stack([_past(levels, own)[chosen - own], np.ones(len(rows))])
+    wider = np.hstack([past, _past(y, ORDER)[rows - ORDER]])
+    squares = [
+        float(np.sum((levels[chosen] - table @ lstsq(table, levels[chosen])[0]) ** 2)) for table in (past, wider)
+    ]
     least = 1e-18 * len(u)  # an input that its own past foretells to the last digit
-    free = len(rows) - 2 * ORDER - 1
     return squares[1] > least and (squares[0] / squares[1] - 1.0) * free / ORDER > f.isf(CERTAIN, ORDER, free)
+
+
+def _past(values: Array, length: int) -> Array:
+    """So many samples before each one from that number on, (samples - length, length)."""
+    return np.lib.stride_tricks.sliding_window_view(values[:-1], length)
+
+
+def _innovations(output: Array, given: Array) -> Array:
+    """What the past of an output and of an input, and the input now, do not say of the output, (samples,)."""
+    table = np.column_stack(
+        [_past(given, OWN), given[OWN:], _past(output, ORDER)[OWN - ORDER :], np.ones(len(given) - OWN)]
+    )
+    found = np.zeros(len(output))
+    found[OWN:] = output[OWN:] - table @ lstsq(table, output[OWN:])[0]
+    return found

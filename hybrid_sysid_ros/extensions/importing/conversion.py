@@ -15,9 +15,9 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.sampling import JITTER, HeldMean
 from hybrid_sysid_ros.bags.series import SECOND
 from hybrid_sysid_ros.extensions.importing.grid import SAMPLES_PER_PIECE, CleanStamps, SampleGrid, clean_stamps, grid_of
-from hybrid_sysid_ros.extensions.importing.guessing import unit_of_times
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, rig_factor, seconds_of
+from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
 from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import keyword
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,9 +16,10 @@ from scipy.signal import cont2discrete, lfilter
 
 from hybrid_sysid_ros.extensions.importing.conversion import row_times
 from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
-from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS, times_of_column, words_of
-from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
+from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS
+from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, unit_at_end, words_of
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
+from hybrid_sysid_ros.extensions.importing.time_columns import times_of_column
 from hybrid_sysid_ros.extensions.shared.units import named
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -131,10 +133,12 @@ def _column(item: MadeSignal, time: TimeColumn, units: dict[str, str]) -> Signal
 
 
 def _names(columns: Sequence[str]) -> dict[str, str]:
-    """A name for each column that Python and messages take."""
+    """A name for each column that Python and messages take: plain letters, and no unit, since the rig has SI."""
     found = dict[str, str]()
     for column in columns:
-        plain = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", column), flags=re.ASCII).strip("_").lower()
+        plain = unicodedata.normalize("NFKD", column.removesuffix(f"_{unit_at_end(column)}"))
+        plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
+        plain = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain), flags=re.ASCII).strip("_").lower()
         plain = f"signal_{plain}" if not plain or plain[0].isdigit() or keyword.iskeyword(plain) else plain
         while plain in found.values() or plain in ("x", "u", "law", "states", "inputs", "outputs", "stepper", "self"):
             plain += "_signal"

@@ -2,43 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import SequenceMatcher
-
-import numpy as np
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.importing import mapping
-from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
+from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, words_of
+from hybrid_sysid_ros.extensions.importing.time_columns import time_of, times_of_column
 from hybrid_sysid_ros.extensions.shared.units import named
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError, UserErrors
 
-TIMES = (
-    "time",
-    "t",
-    "timestamp",
-    "stamp",
-    "seconds",
-    "sec",
-    "s",
-    "zeit",
-    "tempo",
-    "temps",
-    "elapsed",
-    "clock",
-    "date",
-    "ts",
-    "hours",
-    "minutes",
-    "milliseconds",
-    "microseconds",
-)
-TIME_UNITS = ("hours", "minutes", "milliseconds", "microseconds")
-"""Of these, those that are units."""
-PERIODS = ("ts", "dt", "period", "sampletime", "samplingtime", "tsample")
 INPUTS = (
     "u", "in", "input", "cmd", "command", "ctrl", "control", "drive", "force", "torque", "voltage", "volt", "pwm",
     "duty", "current", "effort", "actuator", "actuation", "excitation", "motor", "pump", "valve", "throttle", "heater",
@@ -58,7 +33,6 @@ ALIKE = (
 """Words for one thing."""
 SURE, AHEAD = 0.55, 0.12
 """Score from which a column is taken, and by which it must be ahead of the next one."""
-_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,79 +112,6 @@ def guessed(
     )
 
 
-def time_of(
-    file: LogFile, free: list[LogColumn], given: Mapping[str, str], units: Mapping[str, str], period: float
-) -> tuple[mapping.TimeColumn | str, list[LogColumn]]:
-    """The times, or why there are none, and the columns that are left.
-
-    given, units: the user's column and unit of "time", where they are there. period: of the samples [s], or 0.
-    """
-    stamped = [name for name in dict.fromkeys(item.time for item in file.columns.values()) if name]
-    words = {column.name: {*words_of(column.name)} for column in free}
-    periods = {
-        column.name
-        for column in free
-        if words[column.name] & {*PERIODS}
-        and _is_time(column)
-        and not (words[column.name] & {*TIMES} and _rises(file, column))
-    }
-    likely = [
-        column
-        for column in free
-        if column.name in stamped or (words[column.name] & {*TIMES} and _is_time(column) and column.name not in periods)
-    ]
-
-    def rank(column: LogColumn) -> tuple[bool, int]:
-        return column.name not in stamped, min(map(TIMES.index, words[column.name] & {*TIMES}), default=0)
-
-    left = [column for column in free if column not in likely and column.name not in periods]
-    name = given.get("time") or next((column.name for column in sorted(likely, key=rank)), "")
-    if not (name or period) and periods:
-        chosen = next(column for column in free if column.name in periods)
-        values = file.read([chosen.name])[chosen.name]
-        if np.isfinite(values).any():
-            period = float(np.nanmedian(values)) * (mapping.seconds_of(chosen.unit or "s") or 1.0)
-    if period:
-        return mapping.TimeColumn(period=period), left
-    if not name:
-        return (
-            f"{file.path}: no column is a time; name it (--column time=COLUMN), or give the sampling time (--period)"
-        ), left
-    unit = units.get("time") or unit_of_times(file.columns[name]) or "s"
-    return mapping.TimeColumn(column=name, unit=unit), left
-
-
-def times_of_column(file: LogFile, name: str, time: mapping.TimeColumn, units: Mapping[str, str]) -> mapping.TimeColumn:
-    """The times of a column: its own, if it has some and there are times at all, or else those of the file."""
-    own = file.columns[name].time
-    if not (own and time.column) or own == time.column:
-        return time
-    return replace(time, column=own, unit=units.get("time") or unit_of_times(file.columns[own]) or time.unit)
-
-
-def own_times(file: LogFile) -> str:
-    """The column of a file that has the times of the others; "" where there is none."""
-    time, _ = time_of(file, list(file.columns.values()), {}, {}, 0.0)
-    return time.column if isinstance(time, mapping.TimeColumn) else ""
-
-
-def unit_of_times(column: LogColumn) -> str:
-    """The unit of a column of times, as the file or the column's name says it; "" where neither does."""
-    name = column.name.rsplit(".", 1)[-1].lower()
-    return column.unit or _suffix(name, ("ms", "us", "ns", "min", "h")) or (name if name in TIME_UNITS else "")
-
-
-def _is_time(column: LogColumn) -> bool:
-    return not column.unit or mapping.seconds_of(column.unit) is not None
-
-
-def _rises(file: LogFile, column: LogColumn) -> bool:
-    """Whether the values are times, and no sampling time that each row has."""
-    values = file.read([column.name])[column.name]
-    values = values[np.isfinite(values)]
-    return len(values) > 1 and bool(values[-1] > values[0] and (np.diff(values) >= 0.0).all())
-
-
 def _is_sure(scores: Sequence[tuple[float, LogColumn]]) -> bool:
     return bool(scores) and scores[0][0] >= SURE and (len(scores) == 1 or scores[0][0] - scores[1][0] >= AHEAD)
 
@@ -247,15 +148,3 @@ def _score(item: Variable, column: LogColumn, *, is_input: bool, alone: bool) ->
     if alone and set(its) & set(words) and not set(its) & set(others):
         score = max(score, 0.6)
     return min(score + bonus, 0.99)
-
-
-def words_of(name: str) -> list[str]:
-    """The words of a name in small letters, without units at its end."""
-    plain = re.sub(r"[\[(].*", "", name.rsplit("/", 1)[-1].rsplit(".", 1)[-1])
-    return [word.lower() for word in _WORD.findall(plain)]
-
-
-def _suffix(name: str, units: Sequence[str]) -> str:
-    """A unit at the end of a name: t_ms."""
-    last = re.split(r"[_\s]", name)[-1]
-    return last if last in units and last != name else ""

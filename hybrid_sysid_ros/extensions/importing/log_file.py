@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hybrid_sysid_ros.extensions.shared.units import SYMBOLS
+from hybrid_sysid_ros.rigs.rig import PREFIXES
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import Interrupted, UserError, known
 
@@ -17,6 +20,10 @@ LARGEST = 1 << 28
 """Most numbers that are read of one file, 2 GiB of them. A file with more is refused before memory is taken."""
 MOST_COLUMNS = 20_000
 """Most columns of a file."""
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[^\W\d_][^\W\dA-Z_]*|\d+")
+_SI = {prefix + symbol for prefix in ("", *PREFIXES) for symbol in SYMBOLS if len(prefix + symbol) > 1}
+UNITS = frozenset(_SI - {"nm"} | {"deg", "rpm", "RPM", "Nm", "Nmm", "sec"})
+"""Units that may end a name. A single letter may be anything, and nm the torque's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +45,9 @@ class LogFile(ABC):
     def __init__(self, path: Path, columns: Iterable[LogColumn]) -> None:
         """Raises UserError for a file without columns, or with more than anybody needs."""
         self.path = path
-        self.columns: Mapping[str, LogColumn] = {item.name: item for item in columns}
+        self.columns: Mapping[str, LogColumn] = {
+            item.name: item if item.unit else replace(item, unit=unit_at_end(item.name)) for item in columns
+        }
         if not self.columns:
             raise UserError(f"{path}: holds no column of numbers: is it a record?")
         if len(self.columns) > MOST_COLUMNS:
@@ -92,6 +101,18 @@ class JoinedFile(LogFile):
 
     def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
         return {name: file.read([own])[own] for name in names for file, own in [self._places[name]]}
+
+
+def unit_at_end(name: str) -> str:
+    """The unit that ends a name, mm of travel_mm, or ""."""
+    front, _, last = name.rpartition("_")
+    return last if front and last in UNITS else ""
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a name in small letters, without units at its end."""
+    plain = re.sub(r"[\[(].*", "", name.rsplit("/", 1)[-1].rsplit(".", 1)[-1])
+    return [word.lower() for word in _WORD.findall(plain.removesuffix(f"_{unit_at_end(plain)}"))]
 
 
 def check_size(path: Path, count: int) -> None:

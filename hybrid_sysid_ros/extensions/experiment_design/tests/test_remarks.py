@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import simulate
@@ -45,3 +45,14 @@ def test_an_output_leads_an_input_only_under_feedback(gain: float, hold: int) ->
         u[k] = u[k - 1] if k % hold else wanted[k] - gain * y[k - 1]
         y[k] = 0.9 * y[k - 1] + 0.2 * u[k - 1] + noise[k]
     assert leads(y, u) == (gain > 0.0)
+
+
+def test_an_output_that_remembers_an_input_does_not_lead_it() -> None:
+    """In an open loop: a band-limited input, of which 12 samples do not say all, and levels with a sensor's noise."""
+    random = np.random.default_rng(3)
+    smooth = sosfiltfilt(butter(2, [0.002, 0.1], "bandpass", output="sos"), random.normal(size=20000))
+    steps = np.repeat(random.uniform(-1.0, 1.0, 150), random.integers(20, 180, 150))
+    for drive, noise in ((smooth / np.std(smooth), 0.0), (steps, 2e-3)):
+        seen = drive + noise * random.normal(size=len(drive))
+        output = lfilter([0.1], [1.0, -0.9], drive) + 3e-2 * random.normal(size=len(drive))
+        assert not leads(output, seen)

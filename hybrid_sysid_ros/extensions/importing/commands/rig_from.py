@@ -11,10 +11,10 @@ import typer
 from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.importing.commands.options import ColumnNames, ColumnUnits, OtherFiles, pairs
 from hybrid_sysid_ros.extensions.importing.generated_rig import made_rig, roles
-from hybrid_sysid_ros.extensions.importing.guessing import time_of
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile
 from hybrid_sysid_ros.extensions.importing.mapping import FILE
 from hybrid_sysid_ros.extensions.importing.readers import open_joined
+from hybrid_sysid_ros.extensions.importing.time_columns import time_of
 from hybrid_sysid_ros.rigs.folder import SYSTEM, VALUES, check_name
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import written_folder

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from hybrid_sysid_ros.extensions.importing.guessing import own_times
 from hybrid_sysid_ros.extensions.importing.log_file import JoinedFile, LogFile, readable
+from hybrid_sysid_ros.extensions.importing.time_columns import own_times
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from hybrid_sysid_ros.extensions.importing.log_file import MOST_COLUMNS, LogColumn, LogFile, check_size
+from hybrid_sysid_ros.extensions.importing.time_columns import period_words
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -34,12 +35,14 @@ class NumpyFile(LogFile):
 
 
 def columns_of(shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str] | None = None) -> Iterator[LogColumn]:
-    """The columns of arrays by their shapes; the longer side of an array is that of the samples."""
+    """The columns of arrays by their shapes; the longer side of an array is that of the samples. Of single numbers,
+    sampling times and rates are columns.
+    """
     for name, shape in shapes.items():
         sides = [side for side in shape if side != 1] or [1]
         samples, width = max(sides), min(sides) if len(sides) > 1 else 1
         unit = (units or {}).get(name, "")
-        if samples < 2 or width > WIDEST:
+        if width > WIDEST or (samples < 2 and not period_words(name)):
             continue
         for k in range(width):
             yield LogColumn(name=name if width == 1 else f"{name}[{k}]", samples=samples, unit=unit)
@@ -49,7 +52,7 @@ def chosen_columns(arrays: Mapping[str, Array], names: Sequence[str]) -> dict[st
     """Columns by name out of arrays."""
     found = {}
     for name in names:
-        values = np.asarray(arrays[array_name(name, arrays)]).squeeze()
+        values = np.atleast_1d(np.asarray(arrays[array_name(name, arrays)]).squeeze())
         if values.dtype.kind not in "fiub":
             raise UserError(f"{name} holds no numbers")
         if values.ndim == 2:
@@ -80,7 +83,7 @@ def _shapes(path: Path) -> Iterator[tuple[str, tuple[int, ...]]]:
 def _header(name: str, file: Any) -> Iterator[tuple[str, tuple[int, ...]]]:
     version = npy.read_magic(file)
     shape, _, dtype = (npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0)(file)
-    if dtype.kind in "fiub" and 0 < len(shape) < 3:
+    if dtype.kind in "fiub" and len(shape) < 3:
         yield name, shape
 
 

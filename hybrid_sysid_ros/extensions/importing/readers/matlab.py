@@ -102,8 +102,10 @@ def _flatten(name: str, value: Any, arrays: dict[str, Any], units: dict[str, str
     elif isinstance(value, np.ndarray) and value.dtype.kind == "O":
         for k, item in enumerate(value.ravel()):
             _flatten(f"{name}{k + 1}", item, arrays, units, level + 1)
-    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 0 < value.ndim < 3:
-        arrays[name] = value
+    elif isinstance(value, (np.ndarray, int, float)):
+        array = np.asarray(value)
+        if array.dtype.kind in "fiub" and array.ndim < 3:
+            arrays[name] = array
 
 
 def _with_times(columns: list[LogColumn]) -> Iterator[LogColumn]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
+from hybrid_sysid_ros.extensions.importing.readers.moments import IS_MOMENT, seconds_of_moments
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -22,7 +23,6 @@ MOST_LINES = 200
 DELIMITERS = (";", "\t", ",", "|")
 MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None", "-", "inf", "-inf", "#N/A"]
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?$")
-_MOMENT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?")
 _APART = re.compile(r"\d\s+[-+]?\d")
 """Two numbers with blanks between them."""
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}((,\d{3})+\.|(\.\d{3})+,)\d+$")
@@ -87,17 +87,11 @@ class TextFile(LogFile):
             skip_rows=self.form.skipped, schema=kinds | trailing, null_values=MISSING, ignore_errors=True,
             encoding="utf8-lossy", truncate_ragged_lines=True, glob=False,
         )  # fmt: skip
-        moments = [
-            polars.col(name).str.replace(",", ".").str.to_datetime(time_unit="ns", strict=False).cast(polars.Int64)
+        table = rows.select(names).collect()
+        return {
+            name: seconds_of_moments(table[name]) if name in self.form.moments else table[name].to_numpy()
             for name in names
-            if name in self.form.moments
-        ]
-        table = rows.select(names).with_columns(moments).collect()
-        found = {name: table[name].cast(polars.Float64).to_numpy() for name in names}
-        for name in self.form.moments.intersection(names):
-            stamps = table[name].to_numpy()
-            found[name] = (stamps - np.nanmin(stamps)) * 1e-9
-        return found
+        }
 
     def _bytes(self) -> bytes:
         """The file in UTF-8, which is all that the library reads."""
@@ -124,7 +118,7 @@ def form_of(lines: Sequence[str], path: Path) -> TextForm:
 
 def _form(rows: list[list[str]], first: int, delimiter: str, trailing: bool) -> TextForm:
     count, data = len(rows[first]), rows[first:]
-    comma = delimiter != "," and any("," in cell and not _MOMENT.match(cell) for row in data for cell in row)
+    comma = delimiter != "," and any("," in cell and not IS_MOMENT.match(cell) for row in data for cell in row)
     above = [row for row in rows[:first] if len(row) == count and sum(map(bool, row)) > 0.5 * count]
     units = [""] * count
     if len(above) > 1 and all(len(cell.strip("[]() ")) <= 12 for cell in above[-1]):
@@ -138,7 +132,8 @@ def _form(rows: list[list[str]], first: int, delimiter: str, trailing: bool) -> 
         taken[names[k]] = taken.get(names[k], 0) + 1
         if taken[names[k]] > 1:
             names[k] = f"{names[k]}_{taken[names[k]]}"
-    moments = frozenset(name for k, name in enumerate(names) if _MOMENT.match(data[0][k]))
+    moments = frozenset(name for k, name in enumerate(names) if IS_MOMENT.match(data[0][k]))
+    units = ["s" if name in moments else unit for name, unit in zip(names, units, strict=True)]
     return TextForm(
         delimiter=delimiter, comma=comma, skipped=first, names=tuple(names), units=tuple(units), moments=moments,
         trailing=trailing,
@@ -152,7 +147,7 @@ def _begins(rows: list[list[str]], k: int) -> bool:
 
 
 def _numeric(row: list[str]) -> bool:
-    numbers = sum(bool(_NUMBER.match(cell) or _MOMENT.match(cell)) for cell in row)
+    numbers = sum(bool(_NUMBER.match(cell) or IS_MOMENT.match(cell)) for cell in row)
     return numbers > 0 and numbers + sum(cell in MISSING for cell in row) >= 0.5 * len(row) and not _words(row)
 
 
@@ -175,7 +170,7 @@ def _is_decimal(rows: list[list[str]], first: int) -> bool:
 
 def _are_apart(row: list[str]) -> bool:
     """Whether a row that is cut at its commas has two numbers in one cell."""
-    return any(_APART.search(cell) and not _MOMENT.match(cell) for cell in row)
+    return any(_APART.search(cell) and not IS_MOMENT.match(cell) for cell in row)
 
 
 def _check_signs(rows: list[list[str]], first: int, path: Path) -> None:

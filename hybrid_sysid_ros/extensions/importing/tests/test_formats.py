@@ -114,6 +114,22 @@ def test_a_record_is_the_same_in_every_format(imported, tmp_path, name):
     np.testing.assert_allclose(record.input[:-1, 0], DRIVE[:-1])
 
 
+def rate_npz(path: Path) -> None:
+    np.savez(path, drive=DRIVE, position_mrad=POSITION, fs=100.0)
+
+
+def rate_mat(path: Path) -> None:
+    savemat(path, {"drive": DRIVE, "position_mrad": POSITION, "sampling_rate": 100})
+
+
+@pytest.mark.parametrize(("write", "name"), [(rate_npz, "a.npz"), (rate_mat, "a.mat")])
+def test_a_sampling_rate_beside_the_samples_is_their_time(imported, tmp_path, write, name):
+    write(tmp_path / name)
+    status, out, error = imported(str(tmp_path / name))
+    assert status == 0, error
+    assert "300 samples, 2.99 s, one in 0.01 s" in out
+
+
 def odd_npz(path: Path) -> None:
     np.savez(path, **{"t": TIME, "drive [V]": DRIVE, "position": np.column_stack([POSITION, DRIVE])})
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
 
@@ -65,6 +66,58 @@ def test_names_units_delimiters_and_decimal_signs_are_found(imported, tmp_path, 
     file = table(tmp_path / "log.csv", header, unit * TIME, DRIVE, unit * POSITION, delimiter=delimiter, comma=comma)
     assert "one in 0.01 s" in status_of(imported(file))
     assert_same(read(tmp_path), samples=400)
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("Horodatage", "%Y-%m-%dT%H:%M:%S.%f+02:00"),
+        ("Zeitstempel", "%d.%m.%Y %H:%M:%S,%f"),
+        ("data e ora", "%d/%m/%Y %H:%M:%S.%f"),
+        ("When", "%m/%d/%Y %I:%M:%S.%f %p"),
+        ("Uhrzeit", "%H:%M:%S.%f"),
+    ],
+)
+def test_dates_are_times_whatever_their_column_is_called(imported, tmp_path, name, form):
+    """The moments pass the end of March, whose days are told from months by the record's length."""
+    first = datetime(2024, 3, 3, 11, 59, 58)
+    rows = [
+        f"{(first + timedelta(seconds=time)).strftime(form)};{drive};{position}"
+        for time, drive, position in zip(TIME.tolist(), DRIVE, POSITION, strict=True)
+    ]
+    (tmp_path / "log.csv").write_text("\n".join([f"{name};drive;position", *rows]))
+    assert "one in 0.01 s" in status_of(imported(str(tmp_path / "log.csv")))
+    assert_same(read(tmp_path))
+
+
+def test_zones_of_dates_count(imported, tmp_path):
+    """In the night in which summer time begins, 02:00 of the winter's zone is 03:00 of the summer's."""
+    stamps = [f"2023-03-26T{'01:59:' if k < 200 else '03:00:'}{(58 + 0.01 * k) % 60:05.2f}" for k in range(400)]
+    rows = [f"{stamp}{'+01:00' if k < 200 else '+02:00'},{DRIVE[k]},{POSITION[k]}" for k, stamp in enumerate(stamps)]
+    (tmp_path / "log.csv").write_text("\n".join(["when,drive,position", *rows]))
+    assert "400 samples, 3.99 s" in status_of(imported(str(tmp_path / "log.csv")))
+    assert_same(read(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "first"),
+    [("t_motor;unixtime;drive;position_mrad", 1.0, 1.7e9), ("t_motor;stamp;drive_mV;position_mrad", 1e9, 1.7e18)],
+)
+def test_units_that_end_names_and_counts_since_1970_are_read(imported, tmp_path, header, factor, first):
+    """A temperature whose name begins with t is no time."""
+    stamps = [str(int(first) + round(time * factor)) if factor > 1.0 else f"{first + time:.2f}" for time in TIME]
+    volts = 1000.0 if "mV" in header else 1.0
+    rows = [
+        f"{40.0 + k % 7};{stamp};{volts * DRIVE[k]:.6f};{1000.0 * POSITION[k]:.6f}" for k, stamp in enumerate(stamps)
+    ]
+    (tmp_path / "log.csv").write_text("\n".join([header, *rows]))
+    assert "one in 0.01 s" in status_of(imported(str(tmp_path / "log.csv")))
+    assert_same(read(tmp_path))
+
+
+def test_a_column_that_rises_is_named_where_no_name_says_time(imported, tmp_path):
+    file = table(tmp_path / "log.csv", "row,drive,position", np.arange(400), DRIVE, POSITION)
+    refused(imported(file), "row rises throughout", "--column time=row")
 
 
 @pytest.mark.parametrize("delimiter", [";", " "])
