@@ -22,7 +22,8 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("range", "QTQ"),
     ("plus_minus", "[WY]?pQ"),
     ("around", "A(?:[KO]o?)?Q"),
-    ("share", "[TWY]?(?:Q|S)o?[NX](?:o?[KO])?"),
+    ("share", "[TWY]?(?:Q|S)o?[NXx](?:o?[KO])?"),
+    ("limit", "Tx(?:o?[KO])?"),
     ("share", "[TWYI]?S(?:o?[KO](?:oO)?)?(?:o?J)?"),
     ("amplitude", "[jWo]?[ak]o?(?:oO)?J?[TYW]?Q|[WY]?Qo?[ak]"),
     ("frequency", "[jWIo]?fo?J?[TYW]?Q|W?Qof"),
@@ -238,6 +239,9 @@ class _Matcher:
             made.quantities += [self.quantity(said, slot, text, output=output) for said in quantities]
         elif slot == "share":
             self.share(part, letters, text)
+        elif slot == "limit":
+            made.shares.append(Share(factor=1.0, role="to", text=text, of="range", word=""))
+            made.targets += [output] if output is not None else []
         elif slot in ("amplitude", "frequency", "period"):
             role = "to" if "T" in letters else "by" if "Y" in letters else ""
             made.quantities.append(self.quantity(quantities[0], role, text, kind=noun or slot))
@@ -324,7 +328,7 @@ class _Matcher:
             raise UserError(f"{text!r}: a share is in %, or half, a third, a quarter, twice")
         role = {"T": "to", "Y": "by", "W": "at", "I": "by"}.get(letters[0], "")
         word = next((symbol.text for symbol in part if symbol.kind == "S"), "")
-        of = "now" if "N" in letters else "range" if "X" in letters else ""
+        of = "now" if "N" in letters else "range" if set("Xx") & set(letters) else ""
         self.made.shares.append(
             Share(factor=0.01 * value if factor is None else factor, role=role, text=text, of=of, word=word)
         )

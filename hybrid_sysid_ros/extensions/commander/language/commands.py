@@ -29,7 +29,7 @@ class Repeat(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class Undo(Command):
-    """Back to where the outputs were asked to be before the last commands."""
+    """Back to where the outputs were asked to be before the last commands, or before those of the same sentence."""
 
     pace: str = ""
 

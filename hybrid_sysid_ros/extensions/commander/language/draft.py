@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.commander.language.commands import Goal, Home, Move, Wait
+from hybrid_sysid_ros.extensions.commander.language.commands import Goal, Home, Move, Undo, Wait
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.runtime.configuration import SetPointRange
@@ -35,6 +35,8 @@ class Draft:
         self.times, self.values = [0.0], [self.here.copy()]
         self.jumps = False
         self.story: list[str] = []
+        self.origins: list[Array] = []
+        """Where each part began that moves."""
 
     def point(self, seconds: float) -> None:
         """Be at ``here`` so long after the last point."""
@@ -61,6 +63,14 @@ class Draft:
     def home(self, command: Home) -> None:
         goals = tuple(Goal(output=k, value=0.0) for k in self.vocabulary.tracked)
         self.move(Move(goals=goals, shape="smooth", pace=command.pace))
+
+    def undo(self, command: Undo) -> None:
+        """Back to where the parts before began. Raises UserError where that may be one of two places."""
+        if (self.origins[0] != self.origins[-1]).any():
+            k = int(np.flatnonzero(self.origins[0] != self.origins[-1])[0])
+            first, last = (with_unit(origin[k], self.outputs[k]) for origin in (self.origins[0], self.origins[-1]))
+            raise UserError(f"back to {first} or to {last} of {self.outputs[k].name}? say 'go to' one of them")
+        self.move(back_to(self.origins[0], self.vocabulary, command.pace))
 
     def move(self, command: Move) -> None:
         first = command.goals[0]
@@ -175,6 +185,13 @@ class Draft:
                 f"{output.name} of {with_unit(value, output)} is out of reach: stay within {output.low:.4g} and "
                 f"{output.high:.4g} {output.unit}{counted}"
             )
+
+
+def back_to(origin: Array, vocabulary: Vocabulary, pace: str) -> Move:
+    """A move of all outputs that commands steer to places (outputs,), as they are shown."""
+    moved = [k for k in vocabulary.tracked if vocabulary.outputs[k].moves]
+    goals = tuple(Goal(output=k, value=float(origin[k])) for k in moved)
+    return Move(goals=goals, shape="smooth", pace=pace)
 
 
 def with_unit(value: float, output: SetPointRange) -> str:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language import commands, grammar
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST
 from hybrid_sysid_ros.extensions.commander.language.command_interface import Reply
+from hybrid_sysid_ros.extensions.commander.language.draft import back_to
 from hybrid_sysid_ros.extensions.commander.language.eyes import Eyes
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Simulator, Start
@@ -22,6 +25,14 @@ PATIENCE = 30.0
 """Seconds within which a condition comes true, or what waits for it is left out."""
 
 
+class Carried(NamedTuple):
+    """Commands that were carried out."""
+
+    commands: tuple[commands.Command, ...]
+    origin: Array
+    """Where the references were before (outputs,), as they are shown."""
+
+
 @dataclass(kw_only=True, eq=False)
 class Interpreter:
     """Reads, plans and simulates the commands of one rig."""
@@ -30,10 +41,8 @@ class Interpreter:
     simulator: Simulator
     eyes: Eyes
     files: Files = field(default_factory=Files)
-    last: commands.Sentence | None = None
+    last: Carried | None = None
     """What was carried out last, as whoever carries it out says."""
-    origin: Array | None = None
-    """Where the references were before (outputs,), as they are shown."""
 
     @classmethod
     def of(cls, simulator: Simulator, *, folder: str = "", layers: str = "") -> Interpreter:
@@ -48,14 +57,25 @@ class Interpreter:
         """The commands of a text. Raises UserError for one that is not understood."""
         return self.unfolded(grammar.read(text, self.vocabulary, self.files))
 
-    def unfolded(self, sentence: commands.Sentence) -> commands.Sentence:
-        """With what was carried out last in the place of words for it; what waits for a condition is left as it is."""
-        parts = tuple(part for item in sentence.commands for part in self._unfolded(item))
+    def unfolded(self, sentence: commands.Sentence, last: Carried | None = None) -> commands.Sentence:
+        """With what was carried out last in the place of words for it; what waits for a condition is left as it is.
+
+        last: what goes before, in place of what was noted.
+        """
+        last, parts = last or self.last, list[commands.Command]()
+        for item in sentence.commands:
+            moves = tuple(part for part in parts if not isinstance(part, commands.Wait))
+            if isinstance(item, commands.Undo) and moves:
+                parts.append(item)  # the plan knows from where these parts went
+            elif isinstance(item, commands.Adjust) and item.noun != "speed" and moves:
+                parts += self._adjusted(item, moves)
+            else:
+                parts += self._unfolded(item, last)
         if len(parts) > MOST:
             raise UserError(f"{len(parts)} parts with those that are repeated: a command has {MOST} at most")
-        return replace(sentence, commands=parts)
+        return replace(sentence, commands=tuple(parts))
 
-    def _unfolded(self, command: commands.Command) -> tuple[commands.Command, ...]:
+    def _unfolded(self, command: commands.Command, last: Carried | None) -> tuple[commands.Command, ...]:
         """What a command stands for."""
         if isinstance(command, commands.PictureTarget):
             return (self.eyes.move(command),)
@@ -66,24 +86,22 @@ class Interpreter:
             )
         if not isinstance(command, commands.Repeat | commands.Undo | commands.Adjust):
             return (command,)
-        if self.last is None or self.origin is None:
+        if last is None:
             raise UserError("nothing was carried out yet that could be repeated or changed: say what to do")
-        if isinstance(command, commands.Undo):
-            moved = [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
-            goals = tuple(commands.Goal(output=k, value=float(self.origin[k])) for k in moved)
-            return (commands.Move(goals=goals, shape="smooth", pace=command.pace),)
         if isinstance(command, commands.Adjust):
-            return tuple(self._adjusted(command, self.last))
+            return tuple(self._adjusted(command, last.commands))
+        if isinstance(command, commands.Undo):
+            return (back_to(last.origin, self.vocabulary, command.pace),)
         if not command.pace:
-            return self.last.commands * command.times
+            return last.commands * command.times
         return tuple(
             replace(one, pace=command.pace) if isinstance(one, commands.Move | commands.Home) else one
-            for one in self.last.commands
+            for one in last.commands
         )
 
-    def _adjusted(self, command: commands.Adjust, last: commands.Sentence) -> list[commands.Command]:
+    def _adjusted(self, command: commands.Adjust, last: Sequence[commands.Command]) -> list[commands.Command]:
         """The last swing with another amplitude or frequency."""
-        swings = [one for one in last.commands if isinstance(one, commands.Swing)]
+        swings = [one for one in last if isinstance(one, commands.Swing)]
         if len(swings) != 1 or swings[0].last_frequency:
             raise UserError(f"no swing was carried out last whose {command.noun} could change: say the whole command")
         (swing,) = swings
@@ -98,7 +116,7 @@ class Interpreter:
 
     def note(self, sentence: commands.Sentence, reference: Array) -> None:
         """Remember what is carried out, and from which references (outputs,)."""
-        self.last, self.origin = sentence, np.array(reference)
+        self.last = Carried(sentence.commands, np.array(reference))
 
     def plan(self, sentence: commands.Sentence, reference: Array) -> ReferencePlan:
         """The plan of commands from references (outputs,), as they are shown. Raises UserError for what the rig can't
@@ -118,7 +136,8 @@ class Interpreter:
         """A sentence as it was understood, in numbers."""
         parts = list(plan.story)
         if sentence.later is not None and sentence.condition is not None:
-            later = self.plan(self.unfolded(sentence.later), plan.values[-1])
+            last = Carried(sentence.commands, plan.values[0]) if sentence.commands else None
+            later = self.plan(self.unfolded(sentence.later, last), plan.values[-1])
             parts += [f"{self.awaited(sentence.condition)}: {'; then '.join(later.story)}"]
         return "; then ".join(parts)
 

@@ -21,8 +21,8 @@ VERBS = (
 ROLES = {
     "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "within": "L",
     "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J", "here": "H",
-    "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X", "smoothly": "c",
-    "want": "w",
+    "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X", "highest": "x",
+    "smoothly": "c", "want": "w",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {
@@ -63,6 +63,7 @@ class Lexicon:
             self._enter(found, category, (("V", "go"), ("S", factor)))
         for category in VERBS:
             self._enter(found, category, (("V", category),))
+        self._enter(found, "back", (("y", "displace"), ("V", "back")))
         for category in ("displace", "change"):
             self._enter(found, category, (("y", category), ("V", "go")))
         for category in ("step", "ramp"):

@@ -17,6 +17,9 @@ from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
+SPECIFIC = {"swing", "square", "toggle", "triangle", "chirp", "home", "undo"}
+"""Verbs that say all, beside a general one."""
+
 
 class Meaning(Goals):
     """Takes the quantities of one clause, each for what it can be."""
@@ -35,15 +38,15 @@ class Meaning(Goals):
         found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
         if "repeat" in found and len(found) > 1 and self.left:
             found.remove("repeat")
-        for general in ("go", "step", "ramp"):
-            if (
-                general in found
-                and len(found) > 1
-                and set(found) & {"swing", "square", "toggle", "triangle", "chirp", "home", "undo"}
-            ):
+        for general in ("go", "step", "ramp", "back"):
+            if general in found and len(found) > 1 and set(found) & SPECIFIC:
                 found.remove(general)
         if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
             found.remove("go")
+        if found in (["go", "back"], ["back", "go"]):
+            found = ["back"]
+        if found == ["back"]:
+            found = ["undo" if self._alone() else "go"]
         if found == ["follow"] and not clause.names and (self.left or clause.directions or clause.comparatives):
             found = ["go"]  # "run at 100 rpm"
         if not found and clause.names:
@@ -62,6 +65,14 @@ class Meaning(Goals):
                 "no verb: begin with 'go to', 'hold', 'ramp to', 'step to', 'swing', 'wait', 'home' or 'stop'"
             )
         return found[0]
+
+    def _alone(self) -> bool:
+        """Whether nothing is said beside the verb."""
+        clause = self.clause
+        return not (
+            self.left or clause.directions or clause.comparatives or clause.targets or clause.shares or clause.names
+            or clause.nouns or clause.here
+        )  # fmt: skip
 
     def _said(self) -> bool:
         """Whether a value is asked for without a verb: by "I want", or by how long it is to last."""

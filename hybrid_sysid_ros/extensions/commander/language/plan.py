@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Goal, Home, Move, Swing, Wait
+from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Goal, Home, Move, Swing, Undo, Wait
 from hybrid_sysid_ros.extensions.commander.language.draft import JUMP, Draft, down, per_second, with_unit
 from hybrid_sysid_ros.extensions.commander.language.files import columns
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan, needed
@@ -46,8 +46,10 @@ class _Plan(Draft):
     def add(self, command: Command) -> None:
         """What a command asks for, from where the plan is."""
         makers: dict[type[Command], Callable[..., None]] = {
-            Wait: self.wait, Home: self.home, Move: self.move, Swing: self.swing, Follow: self.follow,
+            Wait: self.wait, Home: self.home, Move: self.move, Swing: self.swing, Follow: self.follow, Undo: self.undo,
         }  # fmt: skip
+        if not isinstance(command, Wait | Undo):
+            self.origins.append(self.here.copy())
         makers[type(command)](command)
         if self.times[-1] > LONGEST:
             raise UserError(f"the plan takes {self.times[-1]:.4g} s: {LONGEST:g} s at most, say less or in parts")

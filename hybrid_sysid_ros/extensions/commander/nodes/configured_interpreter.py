@@ -83,5 +83,5 @@ class ConfiguredInterpreter:
             self.interpreter, self._trouble = None, self._node.words_of(error)
             return
         if self.interpreter is not None:
-            made.last, made.origin = self.interpreter.last, self.interpreter.origin
+            made.last = self.interpreter.last
         self.interpreter, self._trouble = made, ""

@@ -125,6 +125,23 @@ def test_what_is_repeated_does_not_grow_without_end() -> None:
         reader.read("repeat then repeat then repeat then repeat")
 
 
+def test_what_changes_a_swing_changes_that_of_its_own_sentence() -> None:
+    reader = replace(interpreter("cam_beam"))
+    reader.note(reader.read("swing between -3 and 3 V at 1 Hz for 10 s"), np.zeros(1))
+    first, second = reader.read("swing between -1 and 1 V at 0.5 Hz for 10 s, then double the amplitude").commands
+    assert isinstance(first, Swing)
+    assert second == replace(first, low=-2.0, high=2.0)
+
+
+def test_back_after_a_condition_is_where_its_sentence_began(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not where the one before it began, which "undo" alone would mean."""
+    monkeypatch.setattr(Simulator, "ability", Ability(speed=np.array([10.0]), acceleration=np.array([100.0])))
+    reader = replace(interpreter("cam_beam"))
+    reader.note(reader.read("go to 3 V"), np.zeros(1))
+    sentence = reader.read("go to 2 V, once it is still go back to where it was")
+    assert "from 2 V to 3 V" in reader.story(sentence, reader.plan(sentence, np.array([3.0])))
+
+
 @pytest.mark.parametrize(
     "template",
     [

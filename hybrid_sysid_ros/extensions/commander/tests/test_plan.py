@@ -139,3 +139,26 @@ def test_no_file_outside_of_the_folder_is_read(tmp_path: Path) -> None:
     for name in ("'../secret.csv'", "link.csv", "nothing.csv", f"'{tmp_path / 'secret.csv'}'"):
         with pytest.raises(UserError, match="folder"):
             plan(f"follow {name}", folder=str(inside))
+
+
+@pytest.mark.parametrize(
+    "text", ["go to 2 V, wait 1 s, then go back to where you were", "jump to 2 V and back", "vá para 2 V e volte"]
+)
+def test_back_in_a_sentence_is_where_that_sentence_began(text: str) -> None:
+    made = plan(text, start=1.0)
+    assert made.values[:, 0].max() == pytest.approx(2.0)
+    assert made.values[-1, 0] == pytest.approx(1.0)
+
+
+def test_back_is_asked_about_where_there_are_two_places() -> None:
+    with pytest.raises(UserError, match=r"back to 1 V or to 2 V of position\?"):
+        plan("go to 2 V, then 3 V, then go back", start=1.0)
+
+
+def test_peak_to_peak_is_twice_the_amplitude() -> None:
+    made = plan("swing 4 Vpp at 0.5 Hz for 10 s")
+    assert (made.values[:, 0].min(), made.values[:, 0].max()) == pytest.approx((-2.0, 2.0), abs=1e-3)
+
+
+def test_the_maximum_is_the_upper_end_of_the_set_points() -> None:
+    assert plan("go to the maximum").values[-1, 0] == pytest.approx(BEAM.outputs[0].high)
