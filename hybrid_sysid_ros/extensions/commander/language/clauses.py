@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.parts import sentence_parts
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.extensions.shared.units import COUNT, PERCENT, PLAIN, TIME, Unit
+from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, PERCENT, PLAIN, TIME, Unit
 from hybrid_sysid_ros.support.errors import UserError
 
 MOST = 20  # clauses
@@ -134,45 +135,13 @@ class Clause:
 
 def clauses(found: Sequence[Symbol], vocabulary: Vocabulary) -> list[Clause]:
     """The clauses of a sentence. Raises UserError for what can't be read, in a line that says what to write instead."""
-    made = [_Matcher(part, vocabulary).clause() for part in _parts(found)]
+    made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(found)]
     made = [clause for clause in made if not clause.empty]
     if not made:
         raise UserError("this asks for nothing: say for example 'go to', 'hold', 'swing between', 'home' or 'stop'")
     if len(made) > MOST:
         raise UserError(f"{len(made)} parts: a command has {MOST} at most; for more, follow a file")
     return made
-
-
-def _parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
-    """Symbols between marks, "then", and an "and" or a comma before a verb."""
-    parts: list[list[Symbol]] = [[]]
-    for k, symbol in enumerate(found):
-        following = found[k + 1].kind if k + 1 < len(found) else ""
-        before = "".join(each.kind for each in parts[-1])
-        if symbol.kind == "!":
-            raise UserError(f"{symbol.text!r}: {symbol.value}")
-        if _waits(parts[-1], symbol, following):
-            parts.append([symbol])
-        elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :])):
-            parts.append([])
-        elif symbol.kind != ",":
-            parts[-1].append(symbol)
-    return [part for part in parts if part]
-
-
-def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
-    """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then."""
-    if following in ("V", "y", ";"):
-        return any(letter in "VUOKTMu" for letter in before)
-    return following in ("Z", "z", "D") and any(symbol.kind == "V" for symbol in rest)
-
-
-def _waits(part: Sequence[Symbol], verb: Symbol, following: str) -> bool:
-    """Whether a verb needs no mark before it, which a transcript has none of: "go to 2 m wait 3 s go to 0"."""
-    before = [symbol.value for symbol in part if symbol.kind == "V"]
-    if verb.kind not in "Vy" or not before or not any(symbol.kind == "Q" for symbol in part):
-        return False
-    return verb.value == "wait" or before[-1] == "wait" or (verb.value == "hold" and following in ("R", "H"))
 
 
 class _Matcher:
@@ -230,6 +199,9 @@ class _Matcher:
         noun = next((str(symbol.value) for symbol in part if symbol.kind in "Kakfq"), "")
         if slot == "in_or_to":  # Portuguese "em": "em 2 s", "aumente em 2 m"
             slot = "in" if self.is_time(quantities[0][1]) else "by" if made.directions else "to"
+        if any(symbol.value == "to_or_at" for symbol in part) and self.paces(quantities):  # Portuguese "a": "a 2 Hz"
+            made.quantities += [self.quantity(said, "", text) for said in quantities[:-1]]
+            slot, quantities = "rate", quantities[-1:]
         if slot == "for_or_by":  # Portuguese "por": "por 2 s", "aumente por 2 m"
             slot = "for" if quantities[0][1] is None or quantities[0][1].base in (TIME, COUNT) else "by"
         if slot == "condition":
@@ -307,6 +279,19 @@ class _Matcher:
         if [symbol.value for symbol in self.made.verbs] == ["halt"]:
             return True
         return not (self.made.verbs or self.made.targets or self.made.directions or self.made.quantities)
+
+    def paces(self, quantities: Sequence[tuple[float, Unit | None]]) -> bool:
+        """Whether the last of some quantities says how fast or often, and one before it does not."""
+        tracked = self.vocabulary.tracked
+        rates = [unit.rate for k in tracked for unit in self.vocabulary.units_of(k)]
+        own = [unit for k in tracked for unit in self.vocabulary.units_of(k)]
+
+        def is_pace(unit: Unit | None) -> bool:
+            alike = unit is not None and any(map(unit.alike, rates)) and not any(map(unit.alike, own))
+            return unit is not None and (unit.base == FREQUENCY or alike)
+
+        *before, (_, last) = quantities or [(0.0, None)]
+        return is_pace(last) and not any(unit is None or is_pace(unit) for _, unit in before)
 
     def is_time(self, unit: Unit | None) -> bool:
         return unit is not None and unit.base == TIME

@@ -22,7 +22,7 @@ ROLES = {
     "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "within": "L",
     "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J", "here": "H",
     "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X", "highest": "x",
-    "smoothly": "c", "want": "w",
+    "smoothly": "c", "want": "w", "to_or_at": "T",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {

@@ -27,7 +27,7 @@ TOKEN = re.compile(
 TIMED = "wait|pause|hold|stay|in|within|for|after|every|over|of|half|just|about|takes?|then|and"
 """Words after which "a second" is a time, and no rate."""
 PHRASES = (
-    (re.compile(r"\btimes\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I), " Hz "),
+    (re.compile(r"\b(?:times\s+(?:a|per|every)\s+sec(?:ond)?|vez(?:es)?\s+por\s+segundo)\b", re.I), " Hz "),
     (
         re.compile(r"\b(?:(once)|twice)\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I),
         lambda match: f" at {2 - bool(match[1])} Hz ",

@@ -162,3 +162,17 @@ def test_peak_to_peak_is_twice_the_amplitude() -> None:
 
 def test_the_maximum_is_the_upper_end_of_the_set_points() -> None:
     assert plan("go to the maximum").values[-1, 0] == pytest.approx(BEAM.outputs[0].high)
+
+
+def test_values_in_a_row_have_a_time_each() -> None:
+    made = plan("hold 1 V for 5 s, 2 V for 5 s, 0 V")
+    assert [made(np.array([seconds]))[0, 0] for seconds in (3.0, 8.0)] == pytest.approx([1.0, 2.0], abs=1e-6)
+
+
+def test_a_portuguese_a_says_how_fast_where_a_rate_follows() -> None:
+    assert plan("suba até 3 V a meio volt por segundo").duration == pytest.approx(15.0 / 8.0 * 3.0 / 0.5)
+
+
+def test_repeat_before_a_colon_is_asked_about() -> None:
+    with pytest.raises(UserError, match="repeat what follows, or what was carried out before"):
+        plan("repeat: go to 1 V, go to -1 V")

@@ -1,0 +1,54 @@
+"""Parts: a sentence's symbols, cut where another clause begins."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, PERCENT, TIME
+from hybrid_sysid_ros.support.errors import UserError
+
+
+def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
+    """Symbols between marks, "then", and an "and" or a comma before a verb."""
+    made: list[list[Symbol]] = [[]]
+    for k, symbol in enumerate(found):
+        following = found[k + 1].kind if k + 1 < len(found) else ""
+        before = "".join(each.kind for each in made[-1])
+        if symbol.kind == "!":
+            raise UserError(f"{symbol.text!r}: {symbol.value}")
+        if symbol.text == ":" and [each.value for each in made[-1]] == ["repeat"]:
+            raise UserError(
+                "repeat what follows, or what was carried out before? say 'repeat' alone, or the parts twice"
+            )
+        if _waits(made[-1], symbol, following):
+            made.append([symbol])
+        elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :])):
+            made.append([])
+        elif symbol.kind != ",":
+            made[-1].append(symbol)
+    return [part for part in made if part]
+
+
+def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
+    """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then."""
+    if following in ("V", "y", ";"):
+        return any(letter in "VUOKTMu" for letter in before)
+    if re.search("Q.*RQ$", before) and following in ("Q", "T"):  # "1 V for 5 s, 2 V for 5 s"
+        return _is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
+    return following in ("Z", "z", "D") and any(symbol.kind == "V" for symbol in rest)
+
+
+def _is_level(symbol: Symbol | None) -> bool:
+    """Whether a quantity is neither a time nor a frequency, a count or a share."""
+    unit = symbol.value[1] if symbol else None
+    return unit is not None and unit.base not in (TIME, FREQUENCY, COUNT, PERCENT)
+
+
+def _waits(part: Sequence[Symbol], verb: Symbol, following: str) -> bool:
+    """Whether a verb needs no mark before it, which a transcript has none of: "go to 2 m wait 3 s go to 0"."""
+    before = [symbol.value for symbol in part if symbol.kind == "V"]
+    if verb.kind not in "Vy" or not before or not any(symbol.kind == "Q" for symbol in part):
+        return False
+    return verb.value == "wait" or before[-1] == "wait" or (verb.value == "hold" and following in ("R", "H"))
