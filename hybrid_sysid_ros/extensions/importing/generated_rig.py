@@ -6,15 +6,14 @@ import json
 import keyword
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import yaml
-from scipy.optimize import least_squares
-from scipy.signal import cont2discrete, lfilter
 
 from hybrid_sysid_ros.extensions.importing.conversion import row_times
+from hybrid_sysid_ros.extensions.importing.first_equation import delays_of, equation_of, late
 from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
 from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, unit_at_end, words_of
@@ -27,18 +26,16 @@ from hybrid_sysid_ros.support.yaml_text import Dumper
 
 ROOM = 0.25
 """Share of an input's span by which its limits lie outside of the record."""
-BAND = 0.99
-"""Share of the output's variance below the frequency that sets the time scale of the equations."""
+BAND, RATE_BAND = 0.99, 0.7
+"""Shares of the variance of an output and of its rate below the frequency that sets the time scale of the equations:
+what integrates moves slowly, and answers fast.
+"""
+NOISE = 6.0
+"""Power of a line that passes for noise, in the median of the fastest lines."""
 PER_PERIOD, FEWEST = 20.0, 300
 """Steps of a fit in a period of that frequency, and fewest steps in the record."""
 FARTHEST = 1000.0
 """Bounds of a parameter, in its first value."""
-CONSTANTS, DAMPINGS = np.geomspace(1.0 / 60.0, 3.0, 24), np.array([0.05, 0.2, 0.5, 1.0, 2.5])
-"""Where the search for an equation begins: time constants in periods of the band, and damping ratios."""
-LONGEST, FASTEST = 3.0, 1.5
-"""Longest time constant, in records; fastest pole, over a step of the fit."""
-MOST = 20_000
-"""Samples at the beginning of a record by which the equation is found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +61,8 @@ class MadeRig:
     mapping: ImportMapping
     step: float
     """Step and period of fits [s]."""
+    delays: Mapping[str, float]
+    """By which inputs act later [s], of those that do."""
 
 
 def roles(columns: Sequence[LogColumn], inputs: Sequence[str], outputs: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -114,16 +113,21 @@ def made_rig(
         signals.append(MadeSignal(name=names[item], column=column, unit=si, factor=factor, values=sampled))
     made_inputs, made_outputs = signals[: len(inputs)], signals[len(inputs) :]
     step, band = _time_scale(made_outputs, grid.period)
+    delays = delays_of(
+        [item.values for item in made_outputs], [item.values for item in made_inputs], round(step / grid.period), step,
+        band,
+    )  # fmt: skip
     mapping = ImportMapping(
         time=time,
         inputs={item.name: _column(item, time, units) for item in made_inputs},
         outputs={item.name: _column(item, time, units) for item in made_outputs},
     )
     return MadeRig(
-        system=_system_text(name, file, made_inputs, made_outputs, grid.period, step, band),
+        system=_system_text(name, file, made_inputs, made_outputs, delays, grid.period, step, band),
         values=_values_text(file, made_inputs, made_outputs, step, units),
         mapping=mapping,
         step=step,
+        delays={item.name: k * grid.period for item, k in zip(made_inputs, delays, strict=True) if k},
     )
 
 
@@ -160,63 +164,31 @@ def _time_scale(outputs: Sequence[MadeSignal], period: float) -> tuple[float, fl
     bands = []
     for item in outputs:
         power = np.abs(np.fft.rfft(item.values - item.values.mean())) ** 2
-        share = np.cumsum(power) / power.sum()
-        bands.append(np.fft.rfftfreq(samples, period)[int(np.argmax(share >= BAND))])
+        frequencies = np.asarray(np.fft.rfftfreq(samples, period), dtype=np.float64)
+        bands.append(_below(power, frequencies, BAND))
+        smooth = np.abs(np.fft.rfft((item.values - item.values.mean()) * np.hanning(samples))) ** 2
+        noise = NOISE * float(np.median(smooth[len(smooth) * 4 // 5 :]))
+        bands.append(_below(np.maximum(smooth - noise, 0.0) * frequencies**2, frequencies, RATE_BAND))
     band = min(max(*bands, 2.0 / (samples * period)), 0.3 / period)
     every = max(1, min(int(1.0 / (PER_PERIOD * band * period)), samples // FEWEST))
     return every * period, float(band)
 
 
-def _equation(output: Array, inputs: Sequence[Array], every: int, step: float, band: float) -> tuple[float, ...]:
-    """First values (gains, offset, time constant [s], damping ratio) of T^2 y'' = g u + c - y - 2 d T y': those whose
-    simulation is nearest to the record. T and d are searched; gains, offset and initial state follow by least squares
-    (variable projection).
-    """
-    us = [values[: len(values) // every * every].reshape(-1, every).mean(axis=1)[:MOST] for values in inputs]
-    y = output[::every][: len(us[0])]
-
-    def solved(point: Array) -> tuple[Array, Array, float, float]:
-        """Errors (samples,), numbers that follow, T and d, of log T and log d."""
-        damping = float(np.exp(point[1]))
-        fastest = damping + np.sqrt(max(damping**2 - 1.0, 0.0))
-        constant = max(float(np.exp(point[0])), fastest * step / FASTEST)
-        rows = _responses(us, step / constant, damping)
-        found = np.asarray(np.linalg.lstsq(rows, y, rcond=None)[0], dtype=np.float64)
-        return np.asarray(rows @ found - y), found, float(constant), damping
-
-    beginnings = [np.log([t / band, d]) for t in CONSTANTS for d in DAMPINGS]
-    first = min(beginnings, key=lambda point: float(np.sum(solved(point)[0] ** 2)))
-    ends = np.log([[CONSTANTS[0] / band, DAMPINGS[0] / 10.0], [LONGEST * step * len(y), 10.0 * DAMPINGS[-1]]])
-    best = least_squares(lambda point: solved(point)[0], np.clip(first, ends[0] + 1e-9, ends[1] - 1e-9), bounds=ends)
-    _, found, constant, damping = solved(best.x)
-    return (*found[: len(us) + 1].tolist(), constant, damping)
-
-
-def _responses(inputs: Sequence[Array], step: float, damping: float) -> Array:
-    """Of y'' = u - y - 2 d y', to each input alone, to an offset and to both initial states, (samples, inputs + 3); the
-    inputs are held.
-    """
-    law = np.array([[0.0, 1.0], [-1.0, -2.0 * damping]]), np.array([[0.0], [1.0]])
-    kept, given, *_ = cont2discrete((*law, np.eye(2), np.zeros((2, 1))), step)
-    a, b, c, d, e, f = (float(value) for value in (*kept.ravel(), *given.ravel()))
-    poles, impulse = [1.0, -a - d, a * d - b * c], np.zeros(len(inputs[0]))
-    impulse[0] = 1.0
-    driven = [lfilter([0.0, e, b * f - d * e], poles, u) for u in inputs]
-    free = [lfilter(numerator, poles, impulse) for numerator in ([1.0, -d], [0.0, b])]
-    return np.column_stack([*driven, np.ones(len(impulse)), *free])
+def _below(power: Array, frequencies: Array, share: float) -> float:
+    """The frequency below which a share of the power lies; 0 where there is none."""
+    return float(frequencies[int(np.argmax(np.cumsum(power) >= share * power.sum()))])
 
 
 def _system_text(
-    name: str, file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], period: float, step: float,
-    band: float,
+    name: str, file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], delays: Sequence[int],
+    period: float, step: float, band: float,
 ) -> str:  # fmt: skip
-    several = len(outputs) > 1 or len(inputs) > 1
+    several, every = len(outputs) > 1 or len(inputs) > 1, round(step / period)
     states, fields, rates = [], [], []
+    us = [late(item.values, delay) for item, delay in zip(inputs, delays, strict=True)]
     for item in outputs:
         states += [_quoted(f"{item.name} [{item.unit}]"), _quoted(f"{item.name}_rate [{item.unit}/s]")]
-        *values, offset, constant, damping = _equation(
-            item.values, [u.values for u in inputs], round(step / period), step, band
-        )
+        *values, offset, constant, damping = equation_of(item.values, us, every, step, band)
         size = max(float(np.ptp(item.values)), abs(float(item.values.mean())))
         terms = []
         for k, (u, value) in enumerate(zip(inputs, values, strict=True)):
@@ -236,6 +208,12 @@ def _system_text(
         pull = " + ".join([*terms, f"self.{own}offset"])
         slow = f"2.0 * self.{own}damping * self.{own}time_constant * {item.name}_rate"
         rates += [f"{item.name}_rate", f"({pull} - {item.name} - {slow}) / self.{own}time_constant**2"]
+    dead = {f"{u.name}_delay": (u, delay * period) for u, delay in zip(inputs, delays, strict=True) if delay}
+    fields += [
+        _field(field, seconds, 0.0, 3.0 * seconds, "s", f"By which {u.name} acts later.")
+        for field, (u, seconds) in dead.items()
+    ]
+    declared = ", ".join(f'"{u.name}": "{field}"' for field, (u, _) in dead.items())
     names = "".join(f"{item.name}, {item.name}_rate, " for item in outputs).removesuffix(", ")
     plain = re.sub(r"[^\w. -]", "_", file.path.name)
     return f'''"""{name}: equations to begin with, made of {plain}; replace them by the physics."""
@@ -254,7 +232,7 @@ class {_class_name(name)}(System):
     states = ({", ".join(states)})
     inputs = ({", ".join(_quoted(f"{item.name} [{item.unit}]") for item in inputs)},)
     outputs = ({", ".join(f'"{item.name}"' for item in outputs)},)
-    stepper = RungeKutta()
+{f"    delays = {{{declared}}}{chr(10)}" if dead else ""}    stepper = RungeKutta()
 
     # value, lowest, highest
 {"".join(fields)}

@@ -67,6 +67,8 @@ def command(
         folder if folder.is_absolute() or str(folder).startswith((".", "~")) or "/" in str(folder) else f"./{folder}"
     )
     console.print(f"inputs: {', '.join(chosen_in)}; outputs: {', '.join(chosen_out)}; fits in steps of {made.step:g} s")
+    for name, seconds in made.delays.items():
+        console.print(f"{name} acts {seconds:.3g} s later, which {name}_delay of {SYSTEM} begins at and fits correct")
     console.print(f"{place}: {SYSTEM}, {VALUES} and {FILE}")
     console.print(f"next: hybrid-sysid rig check {shlex.quote(str(place))}")
     others = [part for item in also or () for part in ("--also", str(item))]

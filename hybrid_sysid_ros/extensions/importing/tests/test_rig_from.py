@@ -61,6 +61,24 @@ def test_the_equation_is_found_at_any_time_scale(program, tmp_path, monkeypatch,
     assert model.parameters["damping"] == pytest.approx(DAMPING, abs=2e-3)
 
 
+@pytest.mark.parametrize("dead", [0, 40])
+def test_a_dead_time_of_many_samples_is_found(program, tmp_path, monkeypatch, dead):
+    """In samples; the input begins with its first value before the record."""
+    monkeypatch.chdir(tmp_path)
+    times, inputs, outputs = response(0.01, 3000)
+    driven = np.concatenate([inputs, np.full(dead, inputs[-1])])[dead:]  # what acts k + dead stands in row k
+    table = np.column_stack([times, driven, outputs])[: 3000 - dead]
+    np.savetxt("log.csv", table, delimiter=",", header="time,heater,temperature", comments="", fmt="%.12g")
+    assert program("rig", "from", "log.csv", f"./oven_{dead}")[0] == 0
+    rig = hs.load_rig(f"./oven_{dead}")
+    assert rig.system.delay == pytest.approx(0.01 * dead, rel=0.15)
+    assert rig.system.named["time_constant"] == pytest.approx(0.01 * PERIODS, rel=0.1)
+    if dead:
+        assert program("import", "log.csv", "--rig", f"./oven_{dead}")[0] == 0
+        model = hs.identify(hs.read_bag("bags/log", rig), rig, "gray")
+        assert model.parameters["heater_delay"] == pytest.approx(0.01 * dead, abs=2e-3)
+
+
 def test_two_files_of_one_record_are_joined(program, tmp_path, monkeypatch):
     """As public benchmarks are kept: a column each, without times."""
     monkeypatch.chdir(tmp_path)
