@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.extensions.horizon_bands.horizon_bands import NOTE, horizon_bands, noted
+from hybrid_sysid_ros.extensions.horizon_bands.live import LiveDeviations
 from hybrid_sysid_ros.identification import Part, identify, prepare
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut
@@ -73,3 +78,29 @@ def test_evaluate_says_what_bands_hold_ahead(call, tmp_path: Path) -> None:
     replace(older, notes={}).save(tmp_path / "old")
     status, _, error = call(app.main, "hybrid-sysid", "evaluate", tmp_path / "old", bag, "--ahead")
     assert (status, "has no bands over the horizon" in error) == (2, True)
+
+
+class HalfThrough(System):
+    """x' = u, y = x + u / 2, z = sin x."""
+
+    states, inputs, outputs = ("place [m]",), ("push [m/s]",), ("y [m]", "z")
+
+    def law(self, x, u):
+        return (u[0],)
+
+    def output(self, x, u):
+        return x[0] + 0.5 * u[0], sin(x[0])
+
+
+def test_the_deviation_of_an_estimate_is_propagated_to_its_outputs() -> None:
+    """var y = P_xx + P_xd + P_dd / 4, and the sine's slope at 0 is 1 but for the cube of the deviation."""
+    covariance = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
+    estimate: Any = SimpleNamespace(state=np.zeros(1), disturbance=np.zeros(1), covariance=covariance)
+    check = LiveDeviations(HalfThrough())
+    assert {str(value) for value in check.report()[1].values()} == {"nan"}
+    check.see(estimate, np.array([np.nan]))
+    words, values = check.report()
+    assert words == ""
+    assert list(values) == ["deviation_y [m]", "deviation_z"]
+    expected = np.sqrt([4e-4 + 1e-4 + 0.25 * 9e-4, 4e-4])
+    np.testing.assert_allclose([float(str(value)) for value in values.values()], expected, rtol=1e-4)
