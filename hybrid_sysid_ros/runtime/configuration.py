@@ -243,6 +243,7 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
     state_low, state_high = np.array([known.get(item.name, FREE) for item in system.states]).T
     return GuardSettings(
         act=values["distrust"] == "act",
+        stabilised=rig.experiments.stabiliser is not None,
         ladder=Ladder(values["slow_after"], values["hold_after"], values["rest_after"]),
         slow_share=values["slow_share"],
         resume_rate=np.array([abs(rate) or cross for rate, cross in zip(rates, crossing, strict=True)]),

@@ -212,3 +212,27 @@ def test_a_reference_begins_within_the_reach_of_set_points():
     for begin, expected in ((-7.0, -3.0), (7.0, 7.0)):
         found.come_back(np.array([begin]))
         assert found.memory.outputs[0].reference == expected
+
+
+@pytest.mark.parametrize(
+    ("gain", "offset", "worst"),
+    [
+        (1.0, 1.5, LoopState.SLOWED),
+        (0.0, 0.0, LoopState.SLOWED),
+        (0.0, 9.0, LoopState.HOLDING),
+        (-1.0, 0.0, LoopState.RESTING),
+        (-1.0, 1.5, LoopState.RESTING),
+    ],
+)
+def test_a_stabiliser_goes_on_with_all_actuators_but_one_that_does_the_opposite(gain, offset, worst):
+    """A rig that can't rest loses more by a rest than by an actuator that is off, weak or stuck."""
+    found, levels = guard(stabilised=True, low=np.array([-10.0]), high=np.array([10.0])), set()
+    for k in range(400):
+        command = np.array([1.5 * math.sin(0.05 * k)])
+        found.commanded(command)
+        levels |= {*judge(found, 1, applied=gain * command + offset)}
+    assert max(levels) is worst
+    assert found.trusts_actuators is (worst < LoopState.RESTING)
+    assert max(levels) <= found.level
+    if worst < LoopState.RESTING:
+        assert judge(found, 200, doubt=5.0)[-1] is LoopState.RESTING, "what else is in doubt rests it all the same"

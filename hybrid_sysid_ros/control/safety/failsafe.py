@@ -67,10 +67,13 @@ class Failsafe:
 
 @dataclass(slots=True)
 class Evidence:
-    """Evidence of one kind, as a multiple of its threshold, and the suspicion that it has raised [s]."""
+    """Evidence of one kind, as a multiple of its threshold, the suspicion that it has raised [s], and the highest level
+    that it can ask for.
+    """
 
     value: float = 0.0
     seconds: float = 0.0
+    worst: int = LoopState.RESTING
 
 
 def judge_evidence(failsafe: Failsafe, kinds: Sequence[Evidence], elapsed: float) -> int:
@@ -78,22 +81,28 @@ def judge_evidence(failsafe: Failsafe, kinds: Sequence[Evidence], elapsed: float
 
     A level is entered as soon as suspicion reaches its time and left when it has fallen to AGAIN of that.
     """
-    most, cause, before = 0.0, NOTHING, failsafe.level
+    level, most, cause, before = 0, 0.0, NOTHING, failsafe.level
     for k in range(len(kinds)):
         seconds = suspicion(kinds[k].seconds, kinds[k].value, elapsed, ROOM * failsafe.resting)
         kinds[k].seconds = seconds
-        if seconds > most:
-            most, cause = seconds, k
-    level = 0
-    if most >= failsafe.slowed * (AGAIN if before >= 1 else 1.0):
-        level = 1
-    if most >= failsafe.holding * (AGAIN if before >= 2 else 1.0):
-        level = 2
-    if most >= failsafe.resting * (AGAIN if before >= 3 else 1.0):
-        level = 3
+        asked = min(_asked(failsafe, seconds), kinds[k].worst)
+        if asked > level or (asked == level and seconds > most):
+            level, most, cause = asked, seconds, k
     if level > before:
         failsafe.cause = cause
     elif level == 0:
         failsafe.cause = NOTHING
     failsafe.level = level
+    return level
+
+
+def _asked(failsafe: Failsafe, seconds: float) -> int:
+    """The level that suspicion [s] of one kind asks for."""
+    level, before = 0, failsafe.level
+    if seconds >= failsafe.slowed * (AGAIN if before >= 1 else 1.0):
+        level = 1
+    if seconds >= failsafe.holding * (AGAIN if before >= 2 else 1.0):
+        level = 2
+    if seconds >= failsafe.resting * (AGAIN if before >= 3 else 1.0):
+        level = 3
     return level

@@ -30,6 +30,8 @@ class GuardSettings:
 
     act: bool
     """Whether the guard acts; otherwise it only says what it would do."""
+    stabilised: bool = False
+    """Whether the rig can't rest, and has a stabiliser that goes on with actuators that are off, weak or stuck."""
     ladder: Ladder
     slow_share: float
     """Of half an input's range, by which it may leave its rest while slowed, and of ``resume_rate``."""
@@ -76,7 +78,7 @@ class Guard:
         outputs = np.stack([settings.resume_rate, *settings.reach], axis=1).tolist()
         inputs = [GuardedInput(a, b, c, settings.tolerance * (b - a), min(max(0.0, a), b)) for a, b, c in ends]
         self.memory = GuardMemory(
-            core=[GuardRecord(bool(settings.act), settings.slow_share, settings.recent)],
+            core=[GuardRecord(bool(settings.act), settings.stabilised, settings.slow_share, settings.recent)],
             failsafe=[Failsafe(*settings.ladder)],
             governor=[ReferenceGovernor()],
             kinds=[Evidence() for _ in REASONS],

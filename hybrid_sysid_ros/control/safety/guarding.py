@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hybrid_sysid_ros.control.safety.failsafe import AGAIN, Evidence, Failsafe, judge_evidence
+from hybrid_sysid_ros.control.safety.failsafe import AGAIN, Evidence, Failsafe, LoopState, judge_evidence
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
 from hybrid_sysid_ros.support.arrays import Floats
 
 ESTIMATE, ACTUATOR, RANGE = 0, 1, 2
 """Indices of the kinds of evidence."""
+SLOWED, HOLDING, RESTING = int(LoopState.SLOWED), int(LoopState.HOLDING), int(LoopState.RESTING)
 RECENT = 0.05
 """Time [s], beside its delay, for which an actuator may still be carrying out a command."""
 REMEMBERED = 64
@@ -24,6 +25,12 @@ SMALL = 0.1
 """Share of the tolerance below which commands are too small to tell what an actuator makes of them."""
 AVERAGE = 0.1
 """Time constant [s] of the mean squares of commands and of what they are missed by."""
+RESPONSE = 0.3
+"""Time constant [s] of the moments by which an actuator's response is judged."""
+REVERSED = 0.6
+"""Correlation of commands and what acts, below minus which an actuator does the opposite."""
+FAR = 5.0
+"""Evidence above which an actuator is so far from its commands that a stabilised loop is held, not slowed."""
 RETURN = 0.3
 """Time [s] in which inputs get their whole range back: a sensor with the wrong sign looks right while a rig rests, and
 must show itself again before much has moved."""
@@ -34,11 +41,13 @@ enough to show what it makes of them. A flipped or disconnected one looks right 
 
 @dataclass(slots=True)
 class GuardRecord:
-    """A guard's own numbers. act, slow_share, recent: see :class:`~.guard.GuardSettings`. share: of half their range
-    that inputs have. tried: the same where an actuator is in doubt. row: of the newest command. level: that it allows.
+    """A guard's own numbers. act, stabilised, slow_share, recent: see :class:`~.guard.GuardSettings`. share: of half
+    their range that inputs have. tried: the same where an actuator is in doubt. row: of the newest command. level: that
+    it allows.
     """
 
     act: bool
+    stabilised: bool
     slow_share: float
     recent: float
     share: float = 1.0
@@ -50,7 +59,8 @@ class GuardRecord:
 @dataclass(slots=True)
 class GuardedInput:
     """An input: its bounds, its fastest change [input unit/s], how far it may be from its commands, and what it is at
-    rest. missed, asked: mean squares of what it was off its commands, and of these.
+    rest. missed, asked: mean squares of what it was off its commands, and of these. sent, acted: means of its commands
+    and of what acted. spread, common: the sum of their variances, and twice their covariance.
     """
 
     low: float
@@ -60,6 +70,10 @@ class GuardedInput:
     middle: float
     missed: float = 0.0
     asked: float = 0.0
+    sent: float = 0.0
+    acted: float = 0.0
+    spread: float = 0.0
+    common: float = 0.0
 
 
 @dataclass(slots=True)
@@ -91,7 +105,7 @@ def judge(guard: GuardMemory, doubt: float, without: float, applied: Floats, sta
     """The level that an estimate allows; see :meth:`.guard.Guard.judge`."""
     core, failsafe, kinds = guard.core[0], guard.failsafe[0], guard.kinds
     kinds[ESTIMATE].value = doubt
-    kinds[ACTUATOR].value = _doubt_of_actuators(guard, applied, elapsed)
+    _judge_actuators(guard, applied, elapsed)
     kinds[RANGE].value = _beyond(guard, state)
     level = judge_evidence(failsafe, kinds, min(elapsed, LONGEST))
     if without > 0.0 and level == 0:
@@ -108,8 +122,10 @@ def judge(guard: GuardMemory, doubt: float, without: float, applied: Floats, sta
 
 
 def doubts_actuators(guard: GuardMemory, after: float) -> bool:
-    """Whether actuators would be enough by themselves to stay at the level that is entered after a time [s]."""
-    return guard.kinds[ACTUATOR].seconds >= AGAIN * after
+    """Whether actuators would be enough by themselves to stay at the level that is entered after a time [s], and a
+    stabiliser could not go on with them.
+    """
+    return guard.kinds[ACTUATOR].worst >= RESTING and guard.kinds[ACTUATOR].seconds >= AGAIN * after
 
 
 def _beyond(guard: GuardMemory, state: Floats) -> float:
@@ -122,10 +138,13 @@ def _beyond(guard: GuardMemory, state: Floats) -> float:
     return most
 
 
-def _doubt_of_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> float:
-    """Evidence that actuators don't do what was commanded."""
+def _judge_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> None:
+    """Find the evidence that actuators don't do what was commanded, and what it may lead to: a stabiliser goes on with
+    all but those that do the opposite, since its rig can't rest.
+    """
     core, inputs, sent, replaced = guard.core[0], guard.inputs, guard.sent, guard.replaced
     share, m, count, most, unlike = min(elapsed / AVERAGE, 1.0), len(inputs), 0, 0.0, 0.0
+    evidence, opposite = guard.kinds[ACTUATOR], False
     for i in range(REMEMBERED):
         at = (core.row + REMEMBERED - i) % REMEMBERED
         replaced[at] += elapsed
@@ -142,13 +161,28 @@ def _doubt_of_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> 
         away = abs(applied[j] - min(max(applied[j], low), high))
         if math.isnan(away):
             away = asked = 0.0
+        else:
+            _follow_response(inputs[j], total / count, applied[j], min(elapsed / RESPONSE, 1.0))
+        opposite = opposite or inputs[j].common < -REVERSED * inputs[j].spread
         tolerance = inputs[j].tolerance
         inputs[j].missed += share * (away * away - inputs[j].missed)
         inputs[j].asked += share * (asked * asked - inputs[j].asked)
         most = max(most, away / tolerance)
         if inputs[j].asked > (SMALL * tolerance) * (SMALL * tolerance) and away > UNLIKE * abs(asked):
             unlike = max(unlike, inputs[j].missed / (UNLIKE * UNLIKE * inputs[j].asked))
-    return max(most, min(unlike, CLEAREST))
+    evidence.value = max(most, min(unlike, CLEAREST))
+    evidence.worst = RESTING
+    if core.stabilised and not opposite:
+        evidence.worst = HOLDING if most > FAR else SLOWED
+
+
+def _follow_response(item: GuardedInput, sent: float, acted: float, share: float) -> None:
+    """Take in a command and what acted: the moments of both."""
+    a, b = sent - item.sent, acted - item.acted
+    item.sent += share * a
+    item.acted += share * b
+    item.spread += share * (a * a + b * b - item.spread)
+    item.common += share * (2.0 * a * b - item.common)
 
 
 def govern(guard: GuardMemory, level: int, now: Floats, preview: Floats, times: Floats, elapsed: float) -> None:
