@@ -89,6 +89,7 @@ class Rehearsal:
         steps, (low, high) = rig.steps(period, "the period"), rig.limits
         reads = fault.reads() if fault.reads else None
         acts = fault.acts() if fault.acts else None
+        tells = fault.tells() if fault.tells else None
         told = loop.input.copy()
         first, count = round(begin / period), round(LASTING / period)
         for k in range(round(seconds / period)):
@@ -105,6 +106,8 @@ class Rehearsal:
             if wrong and acts is not None:
                 applied = np.clip(acts(moment, applied.copy()), low, high)
                 told = applied.copy() if fault.told else told
+            if wrong and tells is not None:
+                told = tells(moment, applied.copy())
             for _ in range(steps):
                 plant.advance(applied)
             yield moment.since, plant, error

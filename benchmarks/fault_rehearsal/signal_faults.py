@@ -34,11 +34,14 @@ Acting = Callable[[Moment, Array], Array]
 
 @dataclass(frozen=True)
 class Fault:
-    """reads: of the readings; acts: of the inputs; told: whether the measured inputs are those that act."""
+    """reads: of the readings; acts: of the inputs; told: whether the measured inputs are those that act; tells: what is
+    measured of these.
+    """
 
     reads: Callable[[], Acting] | None = None
     acts: Callable[[], Acting] | None = None
     told: bool = True
+    tells: Callable[[], Acting] | None = None
 
 
 def _plain(change: Acting) -> Callable[[], Acting]:
@@ -102,6 +105,77 @@ def _lagging(share: float) -> Callable[[], Acting]:
     return make
 
 
+def _growing(steps: int) -> Callable[[], Acting]:
+    """Values that are later and later under the stamp of now, by ``steps`` samples in the end."""
+
+    def make() -> Acting:
+        past: list[Array] = []
+
+        def acting(moment: Moment, values: Array) -> Array:
+            past.append(values.copy())
+            back = round(steps * moment.since / LASTING)
+            return past[max(len(past) - 1 - back, 0)].copy()
+
+        return acting
+
+    return make
+
+
+def _every(count: int) -> Callable[[], Acting]:
+    """The same values for some samples."""
+
+    def make() -> Acting:
+        held: list[Array] = []
+
+        def acting(moment: Moment, values: Array) -> Array:
+            if moment.number % count == 0:
+                held[:] = [values.copy()]
+            return held[0].copy()
+
+        return acting
+
+    return make
+
+
+def _followed(k: int, step: Callable[[float, float], float]) -> Callable[[], Acting]:
+    """What becomes of the value before and the one that is asked."""
+
+    def make() -> Acting:
+        last: list[float] = []
+
+        def acting(moment: Moment, values: Array) -> Array:
+            last[:] = [step(last[0], float(values[k])) if last else float(values[k])]
+            values[k] = last[0]
+            return values
+
+        return acting
+
+    return make
+
+
+def _blinking(k: int) -> Callable[[], Acting]:
+    """The first value in every other half second."""
+
+    def make() -> Acting:
+        held: list[float] = []
+
+        def acting(moment: Moment, values: Array) -> Array:
+            if _on(moment, 1.0):
+                held[:] = held or [float(values[k])]
+                values[k] = held[0]
+            else:
+                held.clear()
+            return values
+
+        return acting
+
+    return make
+
+
+def _clipped(value: float, most: float) -> float:
+    return min(max(value, -most), most)
+
+
 def _on(moment: Moment, period: float) -> bool:
     """Every other of half periods [s]."""
     return (moment.since % period) < 0.5 * period
@@ -129,7 +203,33 @@ def _of_sensor(k: int, size: float, noise: float, count: float) -> dict[str, Cal
         "flips to and fro": _one(k, lambda m, y: -y if _on(m, 0.3) else y),
         "is ten times as noisy": _one(k, lambda m, y: y + 10 * noise * m.random.standard_normal()),
         "is at its end": _one(k, lambda m, y: 2.5 * size),
+        "comes and goes at 1 Hz": _one(k, lambda m, y: math.nan if _on(m, 1.0) else y),
+        "stands still at 1 Hz": _blinking(k),
+        "fades": _one(k, lambda m, y: y * (1.0 - 0.5 * m.since / LASTING)),
+        "has a coarse converter": _one(k, lambda m, y: size / 16.0 * round(16.0 * y / size)),
+        "swings": _one(k, lambda m, y: y + 0.3 * size * math.sin(60.0 * m.since)),
+        "spikes now and then": _one(k, lambda m, y: y + size * (m.number % 10 == 0)),
+        "ends at half": _one(k, lambda m, y: _clipped(y, 0.5 * size)),
+        "wraps": _one(k, lambda m, y: math.remainder(y, 0.5 * size)),
+        "follows slowly": _followed(k, lambda last, y: last + 0.05 * (y - last)),
+        "is off by a little": _one(k, lambda m, y: y + 5.0 * noise),
     }
+
+
+def _both(*makes: Callable[[], Acting]) -> Callable[[], Acting]:
+    """One after the other."""
+
+    def make() -> Acting:
+        each = [one() for one in makes]
+
+        def acting(moment: Moment, values: Array) -> Array:
+            for change in each:
+                values = change(moment, values)
+            return values
+
+        return acting
+
+    return make
 
 
 def sensor_faults(rig: Rig, sizes: Array) -> dict[str, Fault]:
@@ -147,7 +247,24 @@ def sensor_faults(rig: Rig, sizes: Array) -> dict[str, Fault]:
         "readings 10 samples old": Fault(reads=_late(10)),
         "readings 0 to 8 samples old": Fault(reads=_late(0, 8)),
         "readings 4 to 8 samples old": Fault(reads=_late(4, 4)),
+        "readings older and older": Fault(reads=_growing(20)),
+        "readings of every tenth sample": Fault(reads=_every(10)),
+        "all sensors in turn": Fault(
+            reads=_plain(lambda m, y: np.where(np.arange(len(y)) == m.number // 20 % len(y), -y, y))
+        ),
+        "all sensors twice": Fault(reads=_plain(lambda m, y: 2.0 * y)),
     }
+    if len(rig.system.outputs) > 1:
+        found |= {
+            "two sensors stand still": Fault(reads=_both(_held(0, 0.0), _held(1, 0.0))),
+            "two sensors flip": Fault(reads=_plain(lambda m, y: np.concatenate([-y[:2], y[2:]]))),
+            "two sensors jump": Fault(reads=_plain(lambda m, y: np.concatenate([y[:2] + 0.5 * sizes[:2], y[2:]]))),
+            "two sensors show nothing": Fault(reads=_plain(lambda m, y: np.concatenate([[math.nan] * 2, y[2:]]))),
+            "two sensors are swapped": Fault(reads=_plain(lambda m, y: np.concatenate([y[1::-1], y[2:]]))),
+            "one sensor after the other jumps": Fault(
+                reads=_plain(lambda m, y: y + 0.5 * sizes * (np.arange(len(y)) == (m.since > 0.5)))
+            ),
+        }
     return found
 
 
@@ -168,6 +285,17 @@ def _of_actuator(k: int, stuck: float, span: float) -> dict[str, Callable[[], Ac
         "is off by a tenth": _one(k, lambda m, u: u + 0.1 * span),
         "creeps away": _one(k, lambda m, u: u + 0.5 * span * m.since / LASTING),
         "loses its gain": _one(k, lambda m, u: u * (1.0 - m.since / LASTING)),
+        "has a dead zone": _one(k, lambda m, u: u - _clipped(u, 0.05 * span)),
+        "has backlash": _followed(k, lambda last, u: last + (u - last) - _clipped(u - last, 0.05 * span)),
+        "is slow": _followed(k, lambda last, u: last + _clipped(u - last, 0.005 * span)),
+        "ends at a tenth": _one(k, lambda m, u: _clipped(u, 0.1 * span)),
+        "has coarse steps": _one(k, lambda m, u: 0.1 * span * round(10.0 * u / span)),
+        "acts one way": _one(k, lambda m, u: max(u, 0.0)),
+        "is noisy": _one(k, lambda m, u: u + 0.1 * span * m.random.standard_normal()),
+        "has a quarter of its gain": _one(k, lambda m, u: 0.25 * u),
+        "has three times its gain": _one(k, lambda m, u: 3.0 * u),
+        "follows by a lag of 50 samples": _followed(k, lambda last, u: last + 0.02 * (u - last)),
+        "flips and lags": _followed(k, lambda last, u: last + 0.2 * (-u - last)),
     }
 
 
@@ -187,5 +315,17 @@ def actuator_faults(rig: Rig) -> dict[str, Fault]:
             f"inputs lag{end}": Fault(acts=_lagging(0.05), told=told),
             f"inputs 10 samples late{end}": Fault(acts=_late(10), told=told),
         }
+    found |= {
+        "inputs are reported late": Fault(tells=_late(20)),
+        "inputs are reported as 0": Fault(tells=_plain(lambda m, u: 0.0 * u)),
+        "inputs are reported as 0, now and then": Fault(tells=_plain(lambda m, u: 0.0 * u if m.number % 5 == 0 else u)),
+        "inputs are reported with the wrong sign": Fault(tells=_plain(lambda m, u: -u)),
+        "inputs are reported by half": Fault(tells=_plain(lambda m, u: 0.5 * u)),
+        "inputs are not reported": Fault(tells=_plain(lambda m, u: math.nan * u)),
+        "inputs are reported now and then": Fault(tells=_plain(lambda m, u: math.nan * u if _on(m, 0.3) else u)),
+        "inputs are reported with noise": Fault(
+            tells=_plain(lambda m, u: u + 0.05 * rig.limits[1] * m.random.standard_normal(len(u)))
+        ),
+    }
     found["sensor and actuator stand still"] = Fault(reads=_held(0, 0.0), acts=_held(0, 0.0), told=False)
     return found
