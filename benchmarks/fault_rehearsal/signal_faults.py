@@ -207,7 +207,7 @@ def _of_sensor(k: int, size: float, noise: float, count: float) -> dict[str, Cal
         "stands still at 1 Hz": _blinking(k),
         "fades": _one(k, lambda m, y: y * (1.0 - 0.5 * m.since / LASTING)),
         "has a coarse converter": _one(k, lambda m, y: size / 16.0 * round(16.0 * y / size)),
-        "swings": _one(k, lambda m, y: y + 0.3 * size * math.sin(60.0 * m.since)),
+        "oscillates": _one(k, lambda m, y: y + 0.3 * size * math.sin(60.0 * m.since)),
         "spikes now and then": _one(k, lambda m, y: y + size * (m.number % 10 == 0)),
         "ends at half": _one(k, lambda m, y: _clipped(y, 0.5 * size)),
         "wraps": _one(k, lambda m, y: math.remainder(y, 0.5 * size)),
