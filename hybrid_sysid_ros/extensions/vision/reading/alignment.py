@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.extensions.vision.reading.layers import Plane
+from hybrid_sysid_ros.extensions.vision.reading.layers import SATURATED, WHITE, Plane
 from hybrid_sysid_ros.support.arrays import Array
 
 STEPS, FIRST_STEPS = 12, 4  # of an alignment at most, and of that of a candidate
@@ -38,6 +38,7 @@ def point(
 ) -> tuple[float, float, float, float, int]:
     """Difference of the pixel nearest to a texel from the layers [counts], how fast the layers change there with the
     angle [counts/rad] and with the sprite's place along x and y [counts/pixel], and its row, -1 outside of the picture.
+    A pixel shows no more than WHITE: what is brighter changes nothing there.
     """
     x, y = math.floor(pivot[0] + u * c - v * s + 0.5), math.floor(pivot[1] + u * s + v * c + 0.5)
     if x < 0 or y < 0 or x >= picture.shape[1] or y >= picture.shape[0]:
@@ -55,6 +56,8 @@ def point(
     d = behind * (1.0 - alpha[i + 1, k]) + texture[i + 1, k]
     e = behind * (1.0 - alpha[i + 1, k + 1]) + texture[i + 1, k + 1]
     shown = (1.0 - low) * ((1.0 - right) * a + right * b) + low * ((1.0 - right) * d + right * e)
+    if gain * shown > WHITE:
+        return picture[y, x] - WHITE, 0.0, 0.0, 0.0, y
     by_u = (1.0 - low) * (b - a) + low * (e - d)
     by_v = (1.0 - right) * (d - a) + right * (e - b)
     # du / dangle = -v, dv / dangle = u; moved along x, u falls by c and v rises by s
@@ -101,7 +104,7 @@ def aligned(
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
         gradient = curvature = rows = total = weights = 0.0
-        scores[:], histogram[:], used = 0.0, 0, 0
+        scores[:], histogram[:], used, telling = 0.0, 0, 0, 0
         for k in range(count):
             difference, slope, _, _, row = point(
                 picture, background, alpha, texture, first, pivot, gains, c, s, points[k, 0], points[k, 1]
@@ -110,7 +113,9 @@ def aligned(
                 continue
             used += 1
             size = abs(difference)
-            histogram[min(int(2.0 * size), BINS - 1)] += 1
+            if slope != 0.0:  # what is white differs by nothing
+                telling += 1
+                histogram[min(int(2.0 * size), BINS - 1)] += 1
             total += min(size, CAPPED)
             weight = _weight(size, limit)
             if weight == 0.0:
@@ -122,7 +127,7 @@ def aligned(
             scores[int(points[k, 0] / width + blocks / 2)] += weight * difference * slope
         if used < count // 4 or not curvature > 0.0:
             return
-        deviation = max(_median(histogram, used) / 0.6745, 0.7)
+        deviation = max(_median(histogram, telling) / 0.6745, 0.7)
         move = gradient / curvature
         out[0], out[2], out[3], out[4] = angle, total / used, rows / curvature, weights / used
         out[1] = _clustered(scores) / curvature**2
@@ -181,7 +186,7 @@ def light(
         found = 0
         for k in range(columns.shape[1]):
             x = columns[y, k]
-            if x >= 0:
+            if x >= 0 and picture[y, x] < SATURATED:
                 ratios[found] = picture[y, x] / background[y, x]
                 found += 1
         if found > 4:
@@ -240,7 +245,8 @@ def align_freely(
     for step in range(STEPS):
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
-        scores[:], normal[:], gradient[:], histogram[:], rows[:], used = 0.0, 0.0, 0.0, 0, 0.0, 0
+        scores[:], normal[:], gradient[:], histogram[:], rows[:] = 0.0, 0.0, 0.0, 0, 0.0
+        used = telling = 0
         place = (pivot[0] + beside[0], pivot[1] + beside[1])
         for k in range(points.shape[0]):
             difference, slopes[0], slopes[1], slopes[2], row = point(
@@ -250,7 +256,9 @@ def align_freely(
                 continue
             used += 1
             size = abs(difference)
-            histogram[min(int(2.0 * size), BINS - 1)] += 1
+            if slopes[0] != 0.0:
+                telling += 1
+                histogram[min(int(2.0 * size), BINS - 1)] += 1
             weight = _weight(size, limit)
             if weight == 0.0:
                 continue
@@ -273,7 +281,7 @@ def align_freely(
         out[6] = inverse[0, 0] * rows[0] + inverse[0, 1] * rows[1] + inverse[0, 2] * rows[2]
         for i in range(3):
             out[3 + i] = _clustered(spread[:, i])
-        deviation = max(_median(histogram, used) / 0.6745, 0.7)
+        deviation = max(_median(histogram, telling) / 0.6745, 0.7)
         if step > 1 and abs(move[0]) * reach + abs(move[1]) + abs(move[2]) < SETTLED:
             return
         most = FARTHEST / reach

@@ -110,11 +110,13 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
             return None
         reference = np.clip(np.round(background), 0, 255).astype(np.uint8)
     width, scale = reference.shape[1], reference.shape[1] / 640.0
-    features = standing_features(cv2, reference, few, scale)
-    if features is None:
+    standing = standing_features(cv2, reference, few, scale)
+    if standing is None:
         return None
+    features, tripod = standing
     tracker = FeatureTracker(cv2, reference, features)
-    tell_lens(tracker, few, scale)
+    if not tripod:
+        tell_lens(tracker, few, scale)
     poses, residuals, known = np.tile(np.eye(3), (count, 1, 1)), np.full(count, np.nan), np.eye(3)
     for number, (_, picture) in enumerate(film()):
         pose, residuals[number] = tracker.pose(picture, known, scale)

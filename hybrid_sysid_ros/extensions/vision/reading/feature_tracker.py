@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 
 PARTS, IN_PART, FEWEST = (8, 5), 6, 12  # of a picture, features in each, and features
+LIT_ALIKE = 0.05  # relative difference of two pictures' light, below which it is left as it is
 FAINTEST, SHARPNESS = 4, 0.003  # counts across a corner, and share of the sharpest one in its part
 APART = 1 / 60  # widths between two features
 BODIES = 3  # that go together, of which one may be what stands
@@ -38,13 +39,19 @@ class FeatureTracker:
         """Where the features are (features, 2), from a pose on that is near; NaN where they are not found."""
         near = moved(pose[None], self.features)[0].astype(np.float32)
         places, status, _ = self.cv2.calcOpticalFlowPyrLK(
-            self.reference, picture, self.features.reshape(-1, 1, 2), near.reshape(-1, 1, 2).copy(),
+            self.reference, self._lit_alike(picture), self.features.reshape(-1, 1, 2), near.reshape(-1, 1, 2).copy(),
             winSize=(21, 21), maxLevel=3, criteria=(3, 30, 0.003), flags=self.cv2.OPTFLOW_USE_INITIAL_FLOW,
             minEigThreshold=1e-5,
         )  # fmt: skip
         places = places.reshape(-1, 2)
         places[status.ravel() == 0] = np.nan
         return np.asarray(places)
+
+    def _lit_alike(self, picture: Picture) -> Picture:
+        """A picture under the light of the reference, as features are followed by their brightness."""
+        few, own = picture[::8, ::8].astype(np.float64), self.reference[::8, ::8]
+        light = float(np.median(own / np.maximum(few, 1.0)))
+        return picture if abs(light - 1.0) < LIT_ALIKE else np.asarray(self.cv2.convertScaleAbs(picture, alpha=light))
 
     def pose(self, picture: Picture, near: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], float]:
         """The pose of a picture, and its features' distances from it, rms [pixels]; NaN where there are too few."""
@@ -119,8 +126,10 @@ class FeatureTracker:
         return np.asarray(pose / pose[2, 2])
 
 
-def standing_features(cv2: Any, reference: Picture, few: list[Picture], scale: float) -> NDArray[np.float32] | None:
-    """Those features that stand; None where there are too few. What goes together in a narrow place may be the joint's
+def standing_features(
+    cv2: Any, reference: Picture, few: list[Picture], scale: float
+) -> tuple[NDArray[np.float32], bool] | None:
+    """Those features that stand, and whether they do so before a tripod; None where there are too few. What goes together in a narrow place may be the joint's
     own, and is left out. A camera that turns far away sees what stands in perspective.
     """
     features = _corners(cv2, reference)
@@ -133,10 +142,10 @@ def standing_features(cv2: Any, reference: Picture, few: list[Picture], scale: f
             tracker.flat = flat
             found, tripod = _standing(tracker, few, scale)
             if tripod:
-                return features[found]
+                return features[found], True
             most = found if found.sum() > most.sum() else most
         if most.sum() >= FEWEST and wide(features[most], reference.shape):
-            return features[most]
+            return features[most], False
         features = features[~most]
     return None
 

@@ -16,6 +16,8 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 
+KEPT = 400_000_000  # bytes of pictures: 55 s of 640x360 at 30 a second
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilmView:
@@ -26,12 +28,27 @@ class FilmView:
     """Homography (3, 3) from places in the film's pictures to those in what is seen squarely [pixels]."""
     motion: CameraMotion | None = None
     """The camera's own, which is taken out; None where it is not known."""
+    kept: tuple[tuple[float, Picture], ...] = ()
+    """Its times and pictures without the motion taken out, where they fit into KEPT."""
 
     def pictures(self) -> Iterator[tuple[float, Picture]]:
         """Times [s] and pictures. Raises UserError where the film can't be read."""
-        for number, (time, picture) in enumerate(pictures(self.path)):
-            seen = picture if self.square is None else squared(picture, self.square)
-            yield time, seen if self.motion is None else self.motion.taken_out(seen, number)
+        for number, (time, picture) in enumerate(self.kept or self._decoded()):
+            yield time, picture if self.motion is None else self.motion.taken_out(picture, number)
+
+    def _decoded(self) -> Iterator[tuple[float, Picture]]:
+        for time, picture in pictures(self.path):
+            yield time, picture if self.square is None else squared(picture, self.square)
+
+    def _held(self) -> FilmView:
+        """The same with its pictures in memory, as it is read some eight times."""
+        kept, size = list[tuple[float, Picture]](), 0
+        for item in self._decoded():
+            kept.append(item)
+            size += item[1].nbytes
+            if size > KEPT:
+                return self
+        return replace(self, kept=tuple(kept))
 
     def film_rows(self, column: float, rows: Array) -> Array:
         """Rows (pictures,) of the film's own pictures, whose time rows of what is seen of them have, in a column."""
@@ -46,7 +63,8 @@ class FilmView:
 
     def steadied(self, background: NDArray[np.floating] | None = None) -> FilmView:
         """The same with the camera's motion taken out; see :func:`motion_of_camera`."""
-        return replace(self, motion=motion_of_camera(self.pictures, background))
+        held = self._held()
+        return replace(held, motion=motion_of_camera(held.pictures, background))
 
 
 def squared(picture: Picture, square: NDArray[np.float64]) -> Picture:

@@ -21,6 +21,8 @@ Plane = NDArray[np.float32]
 KIND, VERSION = "layers", 1
 DIRECTIONS, ALIKE = 720, 0.6  # around the pivot, and correlation of a sprite with itself, turned, that looks alike
 NAMES = ("background", "alpha", "texture")
+WHITE, SATURATED = 255.0, 250.0
+"""Counts that a pixel shows at most, and from which on it may have been so, as a codec rings."""
 
 
 @dataclass(frozen=True, kw_only=True)

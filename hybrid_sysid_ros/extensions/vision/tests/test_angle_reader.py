@@ -70,6 +70,19 @@ def test_light_does_not_move_the_angle(reader: AngleReader, dim: float) -> None:
     assert math.degrees(reader.layers.position(reading.angle) + 0.04) == pytest.approx(0.0, abs=0.015)
 
 
+def test_pixels_that_are_white_do_not_move_the_angle() -> None:
+    """Under twice the light all of the bar is white, and half of the layers' difference would be that."""
+    layers = painted_layers(RIG, CAMERA)
+    reader = AngleReader(layers)
+    random, error = np.random.default_rng(6), list[float]()
+    for angle in np.linspace(-0.1, 0.1, 9).tolist():
+        drawn = 2.0 * layers.drawn(angle) + 2.5 * random.standard_normal(layers.background.shape)
+        reading = reader.read(np.clip(drawn + 0.5, 0.0, 255.0).astype(np.uint8))
+        error.append(math.degrees(reading.angle - angle))
+        assert abs(error[-1]) < 3.0 * math.degrees(reading.deviation)
+    assert np.abs(error).max() < 0.01
+
+
 def test_who_hides_the_middle_does_not_lose_the_sprite(reader: AngleReader) -> None:
     """There the sprite moves least, and its ends, which are left, must be met by a scan to a pixel or two."""
     imager = Imager(scene_of(RIG), CAMERA, seed=5)

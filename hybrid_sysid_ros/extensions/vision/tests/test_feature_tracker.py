@@ -41,8 +41,10 @@ def test_the_lens_of_a_camera_that_turns_is_told_by_its_pictures(wall: Picture) 
         )
         for turn in turns
     ]
-    features = standing_features(cv2, few[4], few, 0.5)
-    assert features is not None
+    standing = standing_features(cv2, few[4], few, 0.5)
+    assert standing is not None
+    features, tripod = standing
+    assert not tripod
     tracker = FeatureTracker(cv2, few[4], features)
     tell_lens(tracker, few, 0.5)
     assert not tracker.flat
@@ -50,6 +52,15 @@ def test_the_lens_of_a_camera_that_turns_is_told_by_its_pictures(wall: Picture) 
     pose, _ = tracker.pose(few[0], np.eye(3), 0.5)
     ends = np.array([[80.0, 90.0], [240.0, 90.0], [160.0, 20.0], [160.0, 160.0]])
     assert np.abs(moved(pose[None], ends) - moved(_turned(turns[0])[None], ends)).max() < 0.05
+
+
+@pytest.mark.parametrize("light", [0.5, 1.4])
+def test_features_are_followed_under_another_light(wall: Picture, light: float) -> None:
+    few = [np.clip(wall * gain, 0.0, 255.0).astype(np.uint8) for gain in np.linspace(light, 1.0, 9)]
+    standing = standing_features(cv2, few[8], few, 0.5)
+    assert standing is not None
+    assert standing[1]  # a tripod
+    assert len(standing[0]) > 50
 
 
 def test_features_beside_something_that_passes_do_not_roll_the_camera() -> None:
