@@ -47,9 +47,10 @@ def format_of(path: Path) -> FilmFormat:
 
 
 def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
-    """Time [s] and grey picture (rows, columns) of each frame, upright, in the order of their times.
+    """Time [s] and grey picture (rows, columns) of each frame, upright and with square pixels, in the order of their
+    times.
 
-    Raises UserError where the file is no film, or is cut or damaged.
+    Raises UserError where the file is no film, is interlaced, cut or damaged.
     """
     with extra("video"):
         import av
@@ -59,12 +60,18 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
             stream = _stream(container, path)
             stream.thread_type = "AUTO"
             stated, longest = _end_of(container, stream), 1.0 / float(stream.average_rate or 1)
+            wide = round(stream.codec_context.width * float(stream.sample_aspect_ratio or 1))  # with square pixels
             for frame in container.decode(stream):
                 if frame.pts is None or frame.time is None:
                     raise UserError(f"{path}: frame {count} has no time: write the film again with time stamps")
                 if not frame.time > last:
                     raise UserError(f"{path}: frame {count} is of {frame.time:.6g} s, after one of {last:.6g} s")
-                grey = frame.to_ndarray(format="gray")
+                if frame.interlaced_frame:
+                    raise UserError(
+                        f"{path}: is interlaced, so that each picture is of two moments: make whole ones of it first, "
+                        "such as by ffmpeg -vf bwdif"
+                    )
+                grey = frame.to_ndarray(format="gray", width=wide)
                 turns = round(getattr(frame, "rotation", 0) / 90) % 4
                 longest = max(longest, frame.time - last) if count else longest
                 count, last = count + 1, frame.time

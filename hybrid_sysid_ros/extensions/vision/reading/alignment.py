@@ -179,7 +179,8 @@ def light(
     picture: NDArray[np.uint8], background: Plane, columns: NDArray[np.int32], rows: tuple[int, int], gains: Array
 ) -> None:
     """The gain of each row between ``rows``, by the median of what its still pixels show beside the background: columns
-    (rows, pixels), -1 for none; then smoothed over neighbours, as light changes slowly over rows.
+    (rows, pixels), -1 for none; then smoothed over neighbours, as light changes slowly over rows, and interpolated where
+    no pixel stands.
     """
     ratios, raw = np.empty(columns.shape[1]), np.full(picture.shape[0], np.nan)
     for y in range(rows[0], rows[1]):
@@ -201,7 +202,10 @@ def light(
                 weight = half + 1.0 - abs(near - y)
                 total += weight * raw[near]
                 weights += weight
-        gains[y] = total / weights if weights > 0.0 else 1.0
+        gains[y] = total / weights if weights > 0.0 else np.nan
+    swept = gains[rows[0] : rows[1]]
+    known = np.flatnonzero(np.isfinite(swept))
+    swept[:] = np.interp(np.arange(swept.size), known, swept[known]) if known.size else np.ones(swept.size)
 
 
 @kernel

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 
 PARTS, IN_PART, FEWEST = (8, 5), 6, 12  # of a picture, features in each, and features
-LIT_ALIKE = 0.05  # relative difference of two pictures' light, below which it is left as it is
+LIT_ALIKE = 0.005  # relative difference of two pictures' light, below which it is left as it is
 FAINTEST, SHARPNESS = 4, 0.003  # counts across a corner, and share of the sharpest one in its part
 APART = 1 / 60  # widths between two features
 BODIES = 3  # that go together, of which one may be what stands

@@ -28,6 +28,7 @@ from hybrid_sysid_ros.support.errors import UserError
 RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
 ROUNDS, MOST_ROUNDS = 4, 24
 """Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
+DIM = 0.3  # of the light of most pictures: what is darker is left out
 SCANNED = 2  # rounds in which each angle is looked for everywhere; then near where it was
 PIVOTED = 0.05  # pixels, so far; a picture shows a place to .1
 UNSETTLED = 0.3  # pixels: a pivot that is still farther on its way bends the angles
@@ -55,7 +56,8 @@ def learn(
     film: Film, rig: Rig, *, readout: float, sized: bool = True,
     progress: Callable[[str], object] = lambda stage: None,
 ) -> tuple[PictureLayers, Array]:  # fmt: skip
-    """The layers of pictures (pictures, rows, columns) of a rig's scene, and their angles (pictures,) [rad].
+    """The layers of pictures (pictures, rows, columns) of a rig's scene, and the angles (pictures,) [rad] of those that
+    are not much darker than most.
 
     The first angles are those by which what differs from the median is turned about the scene's pivot; then background,
     sprite, angles and pivot are improved in turn, each in closed form. readout [s]: see :class:`~.layers.Geometry`.
@@ -72,6 +74,9 @@ def learn(
     pivot = np.array(scene.pivot) * columns - 0.5
     progress("median")
     lights = _lights(film)
+    lit = lights > DIM * np.median(lights)
+    if not lit.all() and lit.sum() >= FEWEST:
+        film, lights = film[lit], _lights(film[lit])
     still = median_picture(film, lights)
     noise = max(float(np.median(np.abs(film[::7] / lights[::7, None, None] - still))) / 0.6745, 0.5)
     progress("first angles")

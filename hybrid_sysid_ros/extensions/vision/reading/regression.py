@@ -14,7 +14,6 @@ from hybrid_sysid_ros.support.arrays import Array
 Film = NDArray[np.uint8]
 """Pictures (pictures, rows, columns)."""
 FEWEST = 0.2  # share of the pictures that must show a texel
-ALL = 256.0  # counts, which no pixel has
 BRIGHT = 60.0  # counts, above which a difference counts no more
 FAINT = 2.0  # counts, by which it must differ at least
 KEPT = 0.6
@@ -29,22 +28,14 @@ HIDDEN = 0.05  # share of a pixel's background that must be seen, summed over th
 
 @kernel
 def median_picture(film: Film, lights: Array) -> Plane:
-    """Median of each pixel over the pictures, their light (pictures,) taken out, (rows, columns); of those in which it
-    is not saturated, where these are enough.
-    """
+    """Median of each pixel over the pictures, their light (pictures,) taken out, (rows, columns)."""
     count, rows, columns = film.shape
     found, values = np.empty((rows, columns), dtype=np.float32), np.empty(count)
     for y in range(rows):
         for x in range(columns):
-            for limit in (SATURATED, ALL):
-                used = 0
-                for k in range(count):
-                    if film[k, y, x] < limit:
-                        values[used] = film[k, y, x] / lights[k]
-                        used += 1
-                if used >= FEWEST * count:
-                    break
-            found[y, x] = np.partition(values[:used], used // 2)[used // 2]
+            for k in range(count):
+                values[k] = film[k, y, x] / lights[k]
+            found[y, x] = np.partition(values, count // 2)[count // 2]
     return found
 
 
@@ -132,33 +123,6 @@ def _fitted(
     return slope, mean_i - slope * mean_b, max(ii - 2.0 * slope * bi + slope**2 * bb, 0.0)
 
 
-@inner
-def _along(
-    film: Film, gains: Array, cosines: Array, sines: Array, background: Plane, pivot: tuple[float, float],
-    place: tuple[float, float], limit: float, seen: Array, behind: Array,
-) -> int:  # fmt: skip
-    """Fill ``seen`` and ``behind`` (pictures,) along the way of a texel's place, where no pixel around it is as bright
-    as a limit, and return how many there are.
-    """
-    (u, v), (count, rows, columns), used = place, film.shape, 0
-    for n in range(count):
-        c, s = cosines[n], sines[n]
-        x, y = pivot[0] + u * c - v * s, pivot[1] + u * s + v * c
-        left, up = math.floor(x), math.floor(y)
-        if left < 0 or up < 0 or left >= columns - 1 or up >= rows - 1:
-            continue
-        right, down, picture = x - left, y - up, film[n]
-        a, b, d, e = picture[up, left], picture[up, left + 1], picture[up + 1, left], picture[up + 1, left + 1]
-        if max(a, b, d, e) >= limit:
-            continue
-        value = (1.0 - down) * ((1.0 - right) * a + right * b) + down * ((1.0 - right) * d + right * e)
-        plain = (1.0 - down) * ((1.0 - right) * background[up, left] + right * background[up, left + 1])
-        plain += down * ((1.0 - right) * background[up + 1, left] + right * background[up + 1, left + 1])
-        seen[used], behind[used] = value / gains[n, up], plain
-        used += 1
-    return used
-
-
 @kernel
 def regress_texels(
     film: Film, gains: Array, angles: Array, background: Plane, pivot: tuple[float, float], first: tuple[float, float],
@@ -176,11 +140,20 @@ def regress_texels(
         for k in range(wanted.shape[1]):
             if not wanted[i, k]:
                 continue
-            place = (first[0] + k, first[1] + i)
-            for limit in (SATURATED, ALL):
-                used = _along(film, gains, cosines, sines, background, pivot, place, limit, seen, behind)
-                if used >= FEWEST * count:
-                    break
+            u, v, used = first[0] + k, first[1] + i, 0
+            for n in range(count):
+                c, s = cosines[n], sines[n]
+                x, y = pivot[0] + u * c - v * s, pivot[1] + u * s + v * c
+                left, up = math.floor(x), math.floor(y)
+                if left < 0 or up < 0 or left >= columns - 1 or up >= rows - 1:
+                    continue
+                right, down, picture = x - left, y - up, film[n]
+                value = (1.0 - down) * ((1.0 - right) * picture[up, left] + right * picture[up, left + 1])
+                value += down * ((1.0 - right) * picture[up + 1, left] + right * picture[up + 1, left + 1])
+                plain = (1.0 - down) * ((1.0 - right) * background[up, left] + right * background[up, left + 1])
+                plain += down * ((1.0 - right) * background[up + 1, left] + right * background[up + 1, left + 1])
+                seen[used], behind[used] = value / gains[n, up], plain
+                used += 1
             alpha[i, k] = texture[i, k] = 0.0
             if used < FEWEST * count:
                 continue
@@ -207,11 +180,9 @@ def regress_background(
         for x in range(columns):
             if not swept[y, x]:
                 continue
-            shown = used = 0
+            shown = 0
             dx, dy = x - pivot[0], y - pivot[1]
             for n in range(count):
-                if film[n, y, x] >= SATURATED:
-                    continue
                 c, s = cosines[n], sines[n]
                 u, v = dx * c + dy * s - first[0], -dx * s + dy * c - first[1]
                 k, i = math.floor(u), math.floor(v)
@@ -222,11 +193,10 @@ def regress_background(
                     a += down * ((1.0 - right) * alpha[i + 1, k] + right * alpha[i + 1, k + 1])
                     t = (1.0 - down) * ((1.0 - right) * texture[i, k] + right * texture[i, k + 1])
                     t += down * ((1.0 - right) * texture[i + 1, k] + right * texture[i + 1, k + 1])
-                values[used], weights[used] = film[n, y, x] / gains[n, y] - t, 1.0 - a
+                values[n], weights[n] = film[n, y, x] / gains[n, y] - t, 1.0 - a
                 if a < 1.0 - WHOLE:
-                    whole[shown] = values[used] / weights[used]
+                    whole[shown] = values[n] / weights[n]
                     shown += 1
-                used += 1
             limit, found = 1e9, background[y, x]
             if shown > HIDDEN * count:
                 found = np.partition(whole[:shown], shown // 2)[shown // 2]
@@ -235,7 +205,7 @@ def regress_background(
                 limit = SURE * max(np.partition(whole[:shown], shown // 2)[shown // 2] / 0.6745, noise)
             for _ in range(2):
                 above = below = 0.0
-                for n in range(used):
+                for n in range(count):
                     if abs(values[n] - weights[n] * found) <= limit:
                         above += weights[n] * values[n]
                         below += weights[n] ** 2
@@ -281,7 +251,7 @@ def sharpen(
                     t += w10 * texture[i + 1, k] + w11 * texture[i + 1, k + 1]
                     left = film[n, y, x] / gains[n, y] - b * (1.0 - a) - t
                     if left < 0.0 and film[n, y, x] >= SATURATED:
-                        continue
+                        continue  # it may have been as bright as that
                     sure = 1.0 / (1.0 + (left / (10.0 * noise)) ** 2)
                     for j in range(4):
                         weight = sure * (w00 if j == 0 else w01 if j == 1 else w10 if j == 2 else w11)

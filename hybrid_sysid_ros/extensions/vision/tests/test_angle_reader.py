@@ -83,6 +83,15 @@ def test_pixels_that_are_white_do_not_move_the_angle() -> None:
     assert np.abs(error).max() < 0.01
 
 
+def test_rows_that_the_joint_comes_over_whole_have_the_light_of_those_around_them() -> None:
+    """A bar as long as the picture is wide leaves nothing that stands in the rows where it rests."""
+    layers = painted_layers(RIG, CAMERA)
+    reader = AngleReader(layers)
+    reader._columns[160:200] = -1
+    reader.read(np.clip(0.6 * layers.drawn(0.05), 0.0, 255.0).astype(np.uint8))
+    assert reader.gains[150:210] == pytest.approx(0.6, abs=0.01)
+
+
 def test_who_hides_the_middle_does_not_lose_the_sprite(reader: AngleReader) -> None:
     """There the sprite moves least, and its ends, which are left, must be met by a scan to a pixel or two."""
     imager = Imager(scene_of(RIG), CAMERA, seed=5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -92,3 +93,43 @@ def test_a_film_whose_head_comes_first_is_refused_without_its_last_pictures(tmp_
     cut.write_bytes(whole.read_bytes()[: int(0.97 * whole.stat().st_size)])
     with pytest.raises(UserError, match=r"is cut|is damaged"):
         list(pictures(cut))
+
+
+def _written(path: Path, options: dict[str, str], aspect: Fraction | None = None, turned: int = 0) -> Path:
+    """A film of ten pictures, brighter to the right, and darker below."""
+    import av
+
+    picture = np.add.outer(np.arange(96, 0, -1), np.arange(120)).astype(np.uint8)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt, stream.options = 120, 96, "yuv420p", {"crf": "5", **options}
+        if aspect is not None:
+            stream.codec_context.sample_aspect_ratio = aspect
+        if turned:
+            stream.set_display_rotation(turned)
+        for _ in range(10):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="gray")))
+        container.mux(stream.encode())
+    return path
+
+
+def test_pixels_that_are_not_square_are_made_so(tmp_path: Path) -> None:
+    """A third wider than high: angles would be off by as much."""
+    _, picture = next(pictures(_written(tmp_path / "wide.mp4", {}, aspect=Fraction(4, 3))))
+    assert picture.shape == (96, 160)
+    assert float(picture[45, 120]) - float(picture[45, 40]) == pytest.approx(60.0, abs=2.0)
+
+
+@pytest.mark.parametrize(("degrees", "shape"), [(90, (120, 96)), (180, (96, 120)), (270, (120, 96))])
+def test_a_film_that_is_marked_as_turned_is_upright(tmp_path: Path, degrees: int, shape: tuple[int, int]) -> None:
+    """Counter-clockwise, as FFmpeg's players turn it."""
+    _, straight = next(pictures(_written(tmp_path / "film.mp4", {})))
+    _, picture = next(pictures(_written(tmp_path / "turned.mp4", {}, turned=degrees)))
+    assert picture.shape == shape
+    assert np.abs(np.rot90(straight, degrees // 90).astype(float) - picture).max() < 3.0
+
+
+def test_an_interlaced_film_is_refused(tmp_path: Path) -> None:
+    """Each of its pictures is of two moments."""
+    with pytest.raises(UserError, match="is interlaced"):
+        list(pictures(_written(tmp_path / "film.mp4", {"flags": "+ilme+ildct", "x264-params": "tff=1"})))
