@@ -179,8 +179,8 @@ def light(
     picture: NDArray[np.uint8], background: Plane, columns: NDArray[np.int32], rows: tuple[int, int], gains: Array
 ) -> None:
     """The gain of each row between ``rows``, by the median of what its still pixels show beside the background: columns
-    (rows, pixels), -1 for none; then smoothed over neighbours, as light changes slowly over rows, and interpolated where
-    no pixel stands.
+    (rows, pixels), -1 for none. It is smoothed over neighbours, as light changes slowly over rows, and interpolated
+    where no pixel stands.
     """
     ratios, raw = np.empty(columns.shape[1]), np.full(picture.shape[0], np.nan)
     for y in range(rows[0], rows[1]):

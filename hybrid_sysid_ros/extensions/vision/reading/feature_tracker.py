@@ -129,8 +129,9 @@ class FeatureTracker:
 def standing_features(
     cv2: Any, reference: Picture, few: list[Picture], scale: float
 ) -> tuple[NDArray[np.float32], bool] | None:
-    """Those features that stand, and whether they do so before a tripod; None where there are too few. What goes together in a narrow place may be the joint's
-    own, and is left out. A camera that turns far away sees what stands in perspective.
+    """Those features that stand, and whether they do so before a tripod; None where there are too few. What goes
+    together in a narrow place may be the joint's own, and is left out. A camera that turns far away sees what stands in
+    perspective.
     """
     features = _corners(cv2, reference)
     for _ in range(BODIES):
