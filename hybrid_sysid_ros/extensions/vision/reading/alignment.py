@@ -104,7 +104,7 @@ def aligned(
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
         gradient = curvature = rows = total = weights = 0.0
-        scores[:], histogram[:], used, telling = 0.0, 0, 0, 0
+        scores[:], histogram[:], used, informative = 0.0, 0, 0, 0
         for k in range(count):
             difference, slope, _, _, row = point(
                 picture, background, alpha, texture, first, pivot, gains, c, s, points[k, 0], points[k, 1]
@@ -114,7 +114,7 @@ def aligned(
             used += 1
             size = abs(difference)
             if slope != 0.0:  # what is white differs by nothing
-                telling += 1
+                informative += 1
                 histogram[min(int(2.0 * size), BINS - 1)] += 1
             total += min(size, CAPPED)
             weight = _weight(size, limit)
@@ -127,7 +127,7 @@ def aligned(
             scores[int(points[k, 0] / width + blocks / 2)] += weight * difference * slope
         if used < count // 4 or not curvature > 0.0:
             return
-        deviation = max(_median(histogram, telling) / 0.6745, 0.7)
+        deviation = max(_median(histogram, informative) / 0.6745, 0.7)
         move = gradient / curvature
         out[0], out[2], out[3], out[4] = angle, total / used, rows / curvature, weights / used
         out[1] = _clustered(scores) / curvature**2
@@ -250,7 +250,7 @@ def align_freely(
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
         scores[:], normal[:], gradient[:], histogram[:], rows[:] = 0.0, 0.0, 0.0, 0, 0.0
-        used = telling = 0
+        used = informative = 0
         place = (pivot[0] + beside[0], pivot[1] + beside[1])
         for k in range(points.shape[0]):
             difference, slopes[0], slopes[1], slopes[2], row = point(
@@ -261,7 +261,7 @@ def align_freely(
             used += 1
             size = abs(difference)
             if slopes[0] != 0.0:
-                telling += 1
+                informative += 1
                 histogram[min(int(2.0 * size), BINS - 1)] += 1
             weight = _weight(size, limit)
             if weight == 0.0:
@@ -285,7 +285,7 @@ def align_freely(
         out[6] = inverse[0, 0] * rows[0] + inverse[0, 1] * rows[1] + inverse[0, 2] * rows[2]
         for i in range(3):
             out[3 + i] = _clustered(spread[:, i])
-        deviation = max(_median(histogram, telling) / 0.6745, 0.7)
+        deviation = max(_median(histogram, informative) / 0.6745, 0.7)
         if step > 1 and abs(move[0]) * reach + abs(move[1]) + abs(move[2]) < SETTLED:
             return
         most = FARTHEST / reach
