@@ -35,6 +35,11 @@ class Compiled:
         return self._address(source_of(self._system))
 
     @cached_property
+    def smooth_step(self) -> int:
+        """Address of one step where the corners of stick-slip are rounded."""
+        return self._address(source_of(self._system, smooth=True))
+
+    @cached_property
     def output(self) -> int:
         """Address of the output map."""
         return self._address(source_of(self._system, output=True))

@@ -61,8 +61,10 @@ class PredictionModel(Shared):
 
     step: int
     """Address of one step, exact (:data:`~hybrid_sysid_ros.core.call.VALUE`)."""
+    smooth_step: int
+    """Address of one where stick-slip is rounded by the smoothing."""
     step_jacobian: int
-    """Address of a step with derivatives, where stick-slip is rounded by the smoothing (:data:`~.call.JACOBIAN`)."""
+    """Address of such a step with derivatives (:data:`~.call.JACOBIAN`)."""
     output: int
     """Address of the values of a stage: the outputs, and the terms behind them."""
     output_jacobian: int
@@ -230,6 +232,7 @@ def prediction(system: System, problem: ControlProblem) -> PredictionModel:
     functions, values = compiled(system), compiled(problem.outputs_of(system))
     return PredictionModel(
         step=functions.step,
+        smooth_step=functions.smooth_step if problem.smoothing > 0.0 else functions.step,
         step_jacobian=functions.jacobian(smooth=problem.smoothing > 0.0)[0],
         output=values.output,
         output_jacobian=values.jacobian(output=True)[0],

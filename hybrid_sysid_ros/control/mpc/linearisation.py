@@ -32,6 +32,22 @@ def advance_interval(prediction: PredictionModel, x: Array, drive: Array, follow
 
 
 @inner
+def simulate(prediction: PredictionModel, horizon: Horizon) -> None:
+    """Find states and outputs along the inputs as :func:`linearise` with single shooting does, without derivatives."""
+    x, drive, following = horizon.work.state, horizon.work.drive, horizon.work.following
+    p, w, h = prediction.parameters, prediction.network, prediction.h
+    for i in range(horizon.inputs.shape[0]):
+        set_out(horizon, i)
+        for _ in range(prediction.substeps):
+            call_value(prediction.smooth_step, x, drive, p, w, h, prediction.smoothing, following)
+            assign(x, following)
+        assign(horizon.states[i + 1], x)
+        if prediction.curvature != 0:
+            set_stage(prediction, i, horizon.disturbance, drive)
+        call_value(prediction.output, x, drive, p, w, h, 0.0, horizon.linear.outputs[i])
+
+
+@inner
 def linearise(prediction: PredictionModel, horizon: Horizon, smoothing: float, single: bool) -> None:
     """Linearise all intervals around the trajectory: reached, outputs, A, B, C, D.
 

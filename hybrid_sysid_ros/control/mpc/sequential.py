@@ -28,7 +28,7 @@ from hybrid_sysid_ros.control.mpc.curvature import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
-from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, keep_hard, linearise
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, keep_hard, linearise, simulate
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
@@ -81,16 +81,8 @@ def solve(
     anew: bool,
 ) -> SolverResult:
     """Iterate by Gauss-Newton, and where that is slow by Newton's method. anew: False continues the previous call."""
-    assign(horizon.states[0], instance.state)
-    assign(horizon.disturbance, instance.disturbance)
-    clamp_inputs(horizon, instance.previous, horizon.inputs, True)
     progress = horizon.progress[0]
-    if anew:
-        progress.steps, progress.residual, progress.with_curvature = 0, 0.0, False
-    if horizon.limits.hard.any():
-        keep_hard(prediction, horizon)
-    linearise(prediction, horizon, prediction.smoothing, True)
-    cost, last, done = cost_of(horizon, instance), progress.residual, 0
+    cost, last, done = _begin(prediction, horizon, instance, anew), progress.residual, 0
     while True:
         condense(horizon, program)
         evaluate_program(horizon, program, instance, False)
@@ -104,10 +96,49 @@ def solve(
         if not _solve_program(horizon, program):
             return SolverResult(False, 0, error)
         quadratic.keep_working_set(program)
-        cost = _search(prediction, horizon, program, instance, cost, made == 0)
+        cost = _search(prediction, horizon, program, instance, cost, made == 0, True)
         last = error
         progress.steps += 1
         done += 1
+
+
+@inner
+def improve(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> SolverResult:
+    """Make one step of :func:`solve`, whose end is simulated only: without derivatives its residual is not known."""
+    cost = _begin(prediction, horizon, instance, True)
+    condense(horizon, program)
+    evaluate_program(horizon, program, instance, False)
+    _find_hessian(prediction, horizon, program, instance, np.inf, np.inf)
+    if not _solve_program(horizon, program):
+        return SolverResult(False, 0, np.inf)
+    quadratic.keep_working_set(program)
+    _search(prediction, horizon, program, instance, cost, True, False)
+    horizon.progress[0].steps = 1
+    return SolverResult(False, 1, np.inf)
+
+
+@inner
+def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, anew: bool) -> float:
+    """Linearise around the inputs from the instance's state on; return the cost there."""
+    assign(horizon.states[0], instance.state)
+    assign(horizon.disturbance, instance.disturbance)
+    clamp_inputs(horizon, instance.previous, horizon.inputs, True)
+    progress = horizon.progress[0]
+    if anew:
+        progress.steps, progress.residual, progress.with_curvature = 0, 0.0, False
+    _look(prediction, horizon, True)
+    return cost_of(horizon, instance)  # type: ignore[no-any-return]
+
+
+@inner
+def _look(prediction: PredictionModel, horizon: Horizon, derivatives: bool) -> None:
+    """Find states and outputs for the inputs, with their derivatives or, at a third of the effort, without."""
+    if horizon.limits.hard.any():
+        keep_hard(prediction, horizon)
+    if derivatives:
+        linearise(prediction, horizon, prediction.smoothing, True)
+    else:
+        simulate(prediction, horizon)
 
 
 @inner
@@ -153,27 +184,29 @@ def _find_hessian(
 
 @inner
 def _search(
-    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float, first: bool
-) -> float:
-    """Make the step of a solution, halved until the cost is not higher, and linearise there; return the new cost."""
-    length, hard = 1.0, horizon.limits.hard.any()
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float, first: bool,
+    derivatives: bool,
+) -> float:  # fmt: skip
+    """Make the step of a solution, halved until the cost is not higher; return the new cost. derivatives: linearise
+    there. Most steps end where they first lead, so only there derivatives are found before the cost is known.
+    """
+    length, halved, hard = 1.0, False, horizon.limits.hard.any()
     if hard:
         assign_rows(horizon.inputs, horizon.step.inputs)
     _step(horizon, program, 1.0)
     for halving in range(HALVINGS + 1):
-        if hard:
-            keep_hard(prediction, horizon)
-        linearise(prediction, horizon, prediction.smoothing, True)
+        _look(prediction, horizon, derivatives and not halved)
         found = cost_of(horizon, instance)
         if found <= cost + RISE * abs(cost):
             break
         if (
             halving == 0
             and correct_bounds(horizon, program)
-            and _corrected(prediction, horizon, program, instance, cost)
+            and _corrected(prediction, horizon, program, instance, cost, derivatives)
         ):
             found = cost_of(horizon, instance)
             break
+        halved = True
         if halving < HALVINGS:
             length *= 0.5
             if hard:
@@ -182,13 +215,16 @@ def _search(
         if first and halving == 1 and prediction.smoothing > 0.0:
             _step(horizon, program, -length)
             length = _coarse_step(prediction, horizon, program, instance)
+    if halved and derivatives:
+        linearise(prediction, horizon, prediction.smoothing, True)
     return found
 
 
 @inner
 def _corrected(
-    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float
-) -> bool:
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float,
+    derivatives: bool,
+) -> bool:  # fmt: skip
     """Replace the step by one for the bounds that were found at its end; False where that costs more, too, or leads
     elsewhere: then the step is as before. Nocedal & Wright (2006), section 15.6: without this correction the price of
     bounds that bend shortens all steps along them (Maratos).
@@ -205,9 +241,7 @@ def _corrected(
     if sound and change <= SMALL * SMALL * size:
         _step(horizon, program, 1.0)
         _move(horizon, step, -1.0)
-        if horizon.limits.hard.any():
-            keep_hard(prediction, horizon)
-        linearise(prediction, horizon, prediction.smoothing, True)
+        _look(prediction, horizon, derivatives)
         if cost_of(horizon, instance) <= cost + RISE * abs(cost):
             quadratic.keep_working_set(program)
             return True

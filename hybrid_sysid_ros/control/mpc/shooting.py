@@ -30,7 +30,7 @@ from hybrid_sysid_ros.control.mpc.linearisation import (
     set_stage,
 )
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
-from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
+from hybrid_sysid_ros.control.mpc.sequential import SolverResult, improve, solve
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
 from hybrid_sysid_ros.core import System
@@ -177,9 +177,7 @@ def linearise_program(prediction: PredictionModel, horizon: Horizon, program: Pr
 
 
 @inner
-def feedback(
-    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, tolerance: float
-) -> SolverResult:
+def feedback(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> SolverResult:
     """The feedback phase: the step from the prepared program, whose matrices are factorised.
 
     Where the plan costs more than predicted, the state differs from the prepared one, and the step is made around the
@@ -198,7 +196,7 @@ def feedback(
         assign(horizon.disturbance, instance.disturbance)
         return SolverResult(False, 1, np.inf)
     apply_step(horizon, -1.0)
-    return solve(prediction, horizon, program, instance, 1, tolerance, True)
+    return improve(prediction, horizon, program, instance)
 
 
 # ---------------------------------------------------------------------- a call of the controller
@@ -224,7 +222,7 @@ def answer(
     if anew and not _begin(prediction, horizon, instance, cold):
         return SolverResult(False, 0, np.inf)
     if prepared:
-        found = feedback(prediction, horizon, program, instance, tolerance)
+        found = feedback(prediction, horizon, program, instance)
     else:
         found = solve(prediction, horizon, program, instance, iterations, tolerance, anew)
     sound = found.iterations > 0
