@@ -148,13 +148,16 @@ def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
     hessian, factor = program.hessian, np.empty_like(program.hessian)
     if _factorise(hessian, factor):
         return
-    most = largest
+    hold = HOLD * largest
     for c in range(hessian.shape[0]):
-        most = max(most, abs(hessian[c, c]))
-    _hold_active(horizon, program, HOLD * most)
+        hold = max(hold, HOLD * abs(hessian[c, c]))
+    _hold_active(horizon, program, hold)
     if _factorise(hessian, factor):
         return
-    _price_active(horizon, program)
+    _price_active(horizon, program, 0.0, hold)
+    if _factorise(hessian, factor):
+        return
+    _price_active(horizon, program, hold, math.inf)
     if _factorise(hessian, factor):
         return
     shift = LEAST_SHIFT * largest
@@ -174,34 +177,42 @@ def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
         if program.multipliers[c] != 0.0:
             program.hessian[c, c] += hold
     for r in range(limits.rated.shape[0]):
-        _price_rows(program, limits.rate_rows[r], hold)
+        _price_rows(program, limits.rate_rows[r], hold, 0.0, math.inf)
     for r in range(limits.values.shape[0]):
         if limits.hard[r]:
-            _price_rows(program, limits.value_rows[r], hold)
+            _price_rows(program, limits.value_rows[r], hold, 0.0, math.inf)
 
 
 @inner
-def _price_active(horizon: Horizon, program: Program) -> None:
+def _price_active(horizon: Horizon, program: Program, least: float, most: float) -> None:
     """Add the curvature of the price across the soft bounds that are active in the last solution. The program has it
-    outside its Hessian, which must be positive definite alone; more would hold a state outside the bounds.
+    outside its Hessian, which must be positive definite alone; more would hold a state outside the bounds. Of each row
+    as much as is between ``least`` and ``most``: where the whole price is many times the Hessian, little but rounding
+    is left of the curvature along the bounds.
     """
     limits, weights = horizon.limits, horizon.weights
     for r in range(limits.bounded.shape[0]):
-        _price_rows(program, limits.state_rows[r], 2.0 * weights.quadratic[limits.bounded[r]])
+        _price_rows(program, limits.state_rows[r], 2.0 * weights.quadratic[limits.bounded[r]], least, most)
     for r in range(limits.values.shape[0]):
         if not limits.hard[r]:
-            _price_rows(program, limits.value_rows[r], 2.0 * weights.value_quadratic[limits.values[r]])
+            price = 2.0 * weights.value_quadratic[limits.values[r]]
+            _price_rows(program, limits.value_rows[r], price, least, most)
 
 
 @inner
-def _price_rows(program: Program, numbers: NDArray[np.int64], price: float) -> None:
-    """Add price r'r to the Hessian for each row r of the program that is active, out of those of some numbers."""
+def _price_rows(program: Program, numbers: NDArray[np.int64], price: float, least: float, most: float) -> None:
+    """Add price r'r to the Hessian for each row r of the program that is active, out of those of some numbers: the part
+    of the curvature price |r|^2 along the row that is between ``least`` and ``most``.
+    """
     v, hessian, rows = program.gradient.shape[0], pointer(program.hessian), pointer(program.rows)
     for i in range(numbers.shape[0]):
         if numbers[i] >= 0 and program.multipliers[v + numbers[i]] != 0.0:
-            row = numbers[i] * v
+            row, size = numbers[i] * v, 0.0
             for c in range(v):
-                slope = price * rows[row + c]
+                size += rows[row + c] * rows[row + c]
+            part = min(price * size, most) - min(price * size, least)
+            for c in range(v if part > 0.0 else 0):
+                slope = part / size * rows[row + c]
                 if slope != 0.0:
                     for d in range(v):
                         hessian[c * v + d] += slope * rows[row + d]
