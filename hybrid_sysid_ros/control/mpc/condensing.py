@@ -280,7 +280,12 @@ def residual(program: Program) -> float:
 
 @inner
 def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None:
-    """Compute the derivatives of the Lagrangian by each state of the trajectory, where later states follow."""
+    """Compute the derivatives of the Lagrangian by each state of the trajectory, where later states follow.
+
+    Without bounds of states and values they are those of the cost, which :func:`evaluate_program` has found.
+    """
+    if horizon.limits.bounded.shape[0] + horizon.limits.values.shape[0] == 0:
+        return
     count, n = horizon.linear.reached.shape
     v = program.gradient.shape[0]
     for a in range(n):
