@@ -10,8 +10,7 @@ from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.extensions.export.casadi_functions import export_casadi
 from hybrid_sysid_ros.support.errors import UserError
-from tests.structures import FURTHER
-from tests.test_models import model_of
+from tests.structures import FURTHER, model_of
 
 
 @pytest.mark.parametrize("structure", ["lugre", "hybrid", *FURTHER])
