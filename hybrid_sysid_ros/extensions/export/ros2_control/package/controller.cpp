@@ -131,7 +131,9 @@ return_type Controller::update_and_write_commands(const rclcpp::Time & time, con
   @{name}_measurement measurement;
   measurement.time = time.seconds();
   for (std::size_t k = 0; k < OUTPUTS.size(); k++) {
-    measurement.outputs[k] = static_cast<@{name}_real>(state_interfaces_[k].get_value());
+    // While its driver writes it a reading may be nothing: then it is a missing one.
+    const auto reading = state_interfaces_[k].get_optional();
+    measurement.outputs[k] = static_cast<@{name}_real>(reading.value_or(std::numeric_limits<double>::quiet_NaN()));
   }
   for (std::size_t j = 0; j < REST.size(); j++) {
     measurement.applied[j] = command_.inputs[j];

@@ -1,4 +1,5 @@
 #pragma once
+#include <optional>
 #include <string>
 
 namespace hardware_interface
@@ -12,7 +13,7 @@ struct CommandInterface
 struct LoanedInterface
 {
   double * value;
-  double get_value() const { return *value; }
+  std::optional<double> get_optional() const { return *value; }
   [[nodiscard]] bool set_value(double given)
   {
     *value = given;
