@@ -104,6 +104,12 @@ def test_in_a_faulty_loop_a_sensor_is_left_out_and_a_second_estimate_brings_it_b
     assert not any(python.monitored.monitor.left_out)
 
 
+@pytest.mark.parametrize("rig", ["math", "Signal", "api", "daqp", "node", "test", "7 motors"])
+def test_a_unit_has_no_name_that_something_else_has(rig):
+    """#include <math.h> would find the unit's own header; DAQP has an api.h, CMake a target test."""
+    assert folder.unit_name(rig).startswith("rig_")
+
+
 def test_a_function_that_calls_itself_has_no_bound(tmp_path):
     node = 'node: {{ title: "{0}" label: "{0}\\nunit.c:1:1\\n{1} bytes (static)" }}'
     edge = 'edge: {{ sourcename: "{0}" targetname: "{1}" label: "unit.c:2:2" }}'

@@ -56,6 +56,77 @@ MOST = 0.95
 """Share of the odd periods whose inputs must agree. A cold start iterates to convergence, and rounding can lead it to
 another local solution, from which the periods behind it go on.
 """
+TAKEN = frozenset(
+    [
+        "assert",
+        "complex",
+        "ctype",
+        "errno",
+        "fenv",
+        "float",
+        "inttypes",
+        "limits",
+        "locale",
+        "math",
+        "memory",
+        "sched",
+        "search",
+        "setjmp",
+        "signal",
+        "stdio",
+        "stdlib",
+        "string",
+        "strings",
+        "tgmath",
+        "threads",
+        "time",
+        "types",
+        "uchar",
+        "utils",
+        "wait",
+        "wchar",
+        "wctype",
+        "api",
+        "auxiliary",
+        "avi",
+        "bnb",
+        "constants",
+        "daqp",
+        "factorization",
+        "hierarchical",
+        "presolve",
+        "board",
+        "cdr",
+        "console",
+        "controller",
+        "diagnostics",
+        "estimator",
+        "fmu",
+        "frames",
+        "joints",
+        "lifecycle",
+        "loop",
+        "main",
+        "node",
+        "operation",
+        "output",
+        "parameter",
+        "parameters",
+        "plant",
+        "reference",
+        "simulation",
+        "start",
+        "all",
+        "clean",
+        "help",
+        "install",
+        "package",
+        "test",
+        "m",
+        "c",
+    ]
+)
+"""Headers of C and POSIX, of DAQP, files of the bodies around a unit, targets of CMake, and libraries of C."""
 SINGLE = ("-DDAQP_SINGLE_PRECISION",)
 RECORDED, ODD, SHOWN = 1000, 2000, 100
 """Periods of the recorded loop, of questions that no loop is asked, and of the test that goes with the unit."""
@@ -188,9 +259,9 @@ def _is_plain(python: PythonLoop) -> bool:
 
 
 def unit_name(rig: str) -> str:
-    """What every name of a unit begins with."""
+    """What every name of a unit begins with, and those of its files are: none that a header or a target has already."""
     name = re.sub(r"[^0-9a-z]+", "_", rig.lower()).strip("_")
-    return name if name and name[0].isalpha() else f"rig_{name}"
+    return name if name and name[0].isalpha() and name not in TAKEN else f"rig_{name}"
 
 
 def sizes_of(loop: PrintedLoop) -> dict[str, int]:
