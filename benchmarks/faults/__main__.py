@@ -6,9 +6,9 @@ validity, or was held or at rest before it left them; how long the diagnostics t
 long the loop needed to answer again, and whether it tracks as usual a second after the end (three after a start); and
 whether no node ended or showed a traceback.
 
---ordinary: without real-time priority. --native: estimator and controller are one process in C, and faults of sensors
-and actuators alone are tried, unless others are named. --resume: go on where a run was interrupted. --markdown: only
-print the tables of the last whole run as the documentation has them.
+--ordinary: without real-time priority. --native: estimator and controller are one process in C, and faults of sensors,
+actuators and clock alone are tried, unless others are named. --resume: go on where a run was interrupted. --markdown:
+only print the tables of the last whole run as the documentation has them.
 Two runs at once disturb each other on a machine of few cores; where there are enough, ROS_DOMAIN_ID keeps them apart.
 """
 
@@ -176,7 +176,7 @@ def main() -> int:
     try:
         for rig, kinds in known.items():
             for kind, faults in kinds.items():
-                meant = (not asked or rig in asked) and (not native or kind in (SENSORS, ACTUATORS))
+                meant = (not asked or rig in asked) and (not native or kind != GENERAL)
                 wanted = {name: each for name, each in faults.items() if meant or name in asked}
                 play(load(rig), kind, wanted, progress)
         whole = not asked

@@ -220,7 +220,7 @@ class Stage(Observation):
         given: dict[str, dict[str, Any]] = {"estimator": {}, "controller": {"policy": "supervised"}}
         every = {node: settings(self.rig, node, own)[0] or {} for node, own in given.items()}
         own = {node: {"priority": priority_of(node, self.priority)} for node in given}
-        arguments = self.session.arguments(own)
+        arguments = self.session.arguments(own) + (["-p", "use_sim_time:=true"] if self.clocked else [])
         self.session.start("native", [str(native_loop(self.rig, every, tell=self.lines.append)), *arguments])
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> None:
