@@ -23,8 +23,9 @@ POOR = 0.3
 """Deviation of a parameter in its size, or share of its prior's, from which records hardly show it."""
 QUIET = 1e-3
 """Noise in an output's deviation where no sensor declares more."""
-RESTING, RARE = 0.02, 0.05
-"""Share of a rate's largest value below which a state rests, and share of the time below which a motion is rare."""
+FASTEST, RESTING, RARE = 99.0, 0.02, 0.05
+"""Percentile of a rate's size that is its largest value, share of that below which a state rests, and share of the time
+below which a motion is rare: a short burst makes no rest of all the other motions."""
 ORDER, OWN, CERTAIN, ENOUGH, JUMP = 12, 60, 1e-4, 20_000, 5.0
 """Samples of an output's past and of an input's own, level of the test for feedback, samples of a record to which it is
 applied, and how many times as far as usual an input moves in a jump. An input's own past is longer, since the output
@@ -82,7 +83,7 @@ def _motions(experiments: Sequence[PreparedRecord], rig: Rig) -> Iterator[str]:
     """Directions and rests of each rate that hardly occur."""
     for position, rate in rig.system.kinematics.items():
         values = np.concatenate([item.states[:, rate] for item in experiments])
-        most = float(np.abs(values).max())
+        most = float(np.percentile(np.abs(values), FASTEST))
         shares = {
             "upwards": float(np.mean(values > RESTING * most)),
             "downwards": float(np.mean(values < -RESTING * most)),

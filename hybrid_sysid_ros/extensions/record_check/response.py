@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import coherence, correlate, welch
+from scipy.signal import coherence, welch
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import rollouts
+from hybrid_sysid_ros.extensions.record_check.alignment import (
+    BEYOND,
+    CLEAR,
+    RELATED,
+    SHARE,
+    SHORTEST_LAG,
+    Alignment,
+    best_alignment,
+    changes,
+    time_of_change,
+)
+from hybrid_sysid_ros.extensions.record_check.changes import changes_of
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, runs_of
 from hybrid_sysid_ros.identification.experiment import prepare
@@ -22,13 +33,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 PIECES = 8
 """Pieces of a record whose delays show a drift."""
-RELATED, CLEAR, BEYOND = 0.45, 0.6, 3.0
-"""Correlations below which nothing is related, and above which delay and scale mean something; ratio of motions above
-which the scale is wrong whatever the correlation."""
 LONGEST_LAG, CHANGES = 80, 8
 """Longest delay that is looked for, in samples and in times of a change: the longer one."""
-SHORTEST_LAG, SHARE = 2.4, 0.12
-"""Delay from which it is a fault, in samples and in times of a change: the longer one."""
 SHORTEST_FROZEN = 8
 """Samples from which a sensor that stays where it is counts as frozen."""
 MOST_STEPS = 1_000_000
@@ -39,17 +45,6 @@ rig shows: a free run of such a rig says nothing of its record."""
 COHERENT = 0.35
 """Coherence below which an output hardly follows the inputs, whatever the rig's parameters are. A fit is not blocked,
 since a law that folds, such as an absolute speed, shows none either."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Alignment:
-    """Best agreement of two signals."""
-
-    correlation: float
-    lag: float
-    """By which the measured one is late, in samples."""
-    scale: float
-    """Measured over expected."""
 
 
 def expected_outputs(record: Record, rig: Rig) -> Array | None:
@@ -82,41 +77,6 @@ def expected_outputs(record: Record, rig: Rig) -> Array | None:
     return found if distance[-1] < UNSTABLE * max(distance[: max(len(distance) // 50, 2)].max(), 1e-300) else None
 
 
-def changes(values: Array, apart: int) -> Array:
-    """Differences between samples so far apart."""
-    return np.asarray(values[apart:] - values[:-apart])
-
-
-def time_of_change(values: Array) -> int:
-    """Samples in which a signal changes: a tenth of a period at the middle frequency of its rate's power."""
-    power = np.abs(np.fft.rfft(np.diff(values) * np.hanning(len(values) - 1))) ** 2
-    share = np.cumsum(power) / max(power.sum(), 1e-300)
-    middle = max(int(np.argmax(share > 0.5)), 1)
-    return int(np.clip(len(values) / middle / 10.0, 1, max(len(values) // 50, 1)))
-
-
-def aligned(measured: Array, expected: Array, good: NDArray[np.bool_], apart: int, longest: int) -> Alignment:
-    """The lag, sign and scale at which changes of two signals agree best."""
-    m, p = (changes(uniform_filter1d(values, apart), apart) for values in (measured, expected))
-    kept = good[apart:] & good[:-apart]
-    m = np.where(kept, m - m[kept].mean() if kept.any() else 0.0, 0.0)
-    p = p - p.mean()
-    longest = min(longest, len(m) - 1)
-    cross = correlate(m, p, method="fft")[len(m) - 1 - longest : len(m) + longest]
-    power = float(np.sqrt((m @ m) * (p[kept] @ p[kept]))) or 1e-300
-    correlation = cross / power
-    best = int(np.argmax(np.abs(correlation)))
-    if 0 < best < len(correlation) - 1:
-        left, middle, right = np.abs(correlation[best - 1 : best + 2])
-        bend = left - 2.0 * middle + right
-        lag = best - longest + (0.5 * (left - right) / bend if bend < 0 else 0.0)
-    else:
-        lag = float(best - longest)
-    return Alignment(
-        correlation=float(correlation[best]), lag=float(lag), scale=float(cross[best] / max(p[kept] @ p[kept], 1e-300))
-    )
-
-
 def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -> Iterator[RecordFinding]:
     """Sign, delay and its change, scale, swapped channels, frozen sensors, and outputs that no input moves."""
     expected = expected_outputs(record, rig)
@@ -137,8 +97,12 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
             yield from _frozen(signal, expected[:, k])
         apart = time_of_change(expected[:, k])
         longest = min(max(LONGEST_LAG, CHANGES * apart), record.samples // 6)
+        parts = list(changes_of(signal, expected[:, k], record.input.T, apart))
+        if parts:
+            yield from parts
+            continue
         good = ~signal.spoilt
-        found = aligned(signal.values, expected[:, k], good, apart, longest)
+        found = best_alignment(signal.values, expected[:, k], good, apart, longest)
         yield from _judged(
             signal, _coherence(record, signal.values), found, expected[:, k], good, apart, longest, period
         )
@@ -153,7 +117,7 @@ def input_acts_as_held(record: Record, rig: Rig, every: int) -> bool | None:
     for k, measured in enumerate(record.output.T if expected is not None else ()):
         assert expected is not None
         apart = time_of_change(expected[:, k])
-        found = aligned(measured, expected[:, k], np.ones(record.samples, dtype=bool), apart, 8 * apart + every)
+        found = best_alignment(measured, expected[:, k], np.ones(record.samples, dtype=bool), apart, 8 * apart + every)
         if found.correlation > CLEAR:
             acts = acts or found.lag > -max(0.25 * every, 1.0)
     return acts
@@ -189,7 +153,8 @@ def _judged(
         yield RecordFinding(
             kind="scale", cost=0.78,
             words=f"{signal.name} moves {ratio:.3g} times as far as the rig's physics make of these inputs",
-            cure="correct the scale or unit of the input or the sensor (import.yaml, --signals)",
+            cure="correct the scale or unit of the input or the sensor (import.yaml, --signals), or the rig's law, if "
+            "it is a guess",
         )  # fmt: skip
         return
     if signal.explained and abs(found.correlation) < CLEAR:
@@ -199,7 +164,9 @@ def _judged(
             kind="no relation", cost=0.79 if coherent < COHERENT else 0.7,
             words=f"{signal.name} does not follow the inputs as the rig's physics say (correlation "
             f"{found.correlation:.2f}, coherence with the inputs {coherent:.2f})",
-            cure="is it the right column, of the same experiment? or are the rig's parameters far off?",
+            cure="is it the right column, of the same experiment? or are the rig's parameters far off?"
+            if coherent < COHERENT
+            else "it does follow them, so the rig's law is another one: correct it, or take --structure state_space",
         )  # fmt: skip
         return
     if abs(found.correlation) < CLEAR:
@@ -247,7 +214,7 @@ def _drift(signal: CheckedSignal, expected: Array, good: NDArray[np.bool_], apar
         part = slice(piece * length, (piece + 1) * length)
         if np.ptp(expected[part]) == 0.0 or good[part].mean() < 0.5:
             continue
-        one = aligned(signal.values[part], expected[part], good[part], apart, min(longest, length // 3))
+        one = best_alignment(signal.values[part], expected[part], good[part], apart, min(longest, length // 3))
         if one.correlation > CLEAR:
             lags.append(one.lag)
             middles.append((piece + 0.5) * length)
@@ -294,7 +261,7 @@ def _swapped(outputs: Sequence[CheckedSignal], expected: Array) -> RecordFinding
         for j in range(len(outputs)):
             if signal.span > 0.0 and np.ptp(expected[:, j]) > 0.0:
                 apart = time_of_change(expected[:, j])
-                found = aligned(signal.values, expected[:, j], ~signal.spoilt, apart, 4 * apart)
+                found = best_alignment(signal.values, expected[:, j], ~signal.spoilt, apart, 4 * apart)
                 table[i, j] = abs(found.correlation)
     for i in range(len(outputs)):
         for j in range(i):
@@ -312,7 +279,7 @@ def _exchanged(record: Record, rig: Rig, output: CheckedSignal, expected: Array)
     if output.span == 0.0 or np.ptp(expected) == 0.0 or np.ptp(record.input) == 0.0:
         return None
     apart = time_of_change(expected)
-    straight = aligned(output.values, expected, ~output.spoilt, apart, 8 * apart)
+    straight = best_alignment(output.values, expected, ~output.spoilt, apart, 8 * apart)
     if straight.correlation > CLEAR and straight.lag > -1.5:
         return None
     low, high = rig.limits
@@ -321,7 +288,7 @@ def _exchanged(record: Record, rig: Rig, output: CheckedSignal, expected: Array)
     if other is None or np.ptp(other) == 0.0:
         return None
     apart = time_of_change(other[:, 0])
-    back = aligned(record.input[:, 0], other[:, 0], np.ones(record.samples, dtype=bool), apart, 4 * apart)
+    back = best_alignment(record.input[:, 0], other[:, 0], np.ones(record.samples, dtype=bool), apart, 4 * apart)
     if back.correlation < max(CLEAR, straight.correlation + (0.2 if straight.correlation < CLEAR else 0.0)):
         return None
     return RecordFinding(

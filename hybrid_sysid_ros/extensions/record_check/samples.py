@@ -200,12 +200,16 @@ def _hum(signal: CheckedSignal) -> Iterator[RecordFinding]:
             return
 
 
+def noise_rms(values: Array) -> float:
+    """Of white noise on a smooth signal, by the median of its third differences."""
+    return float(np.median(np.abs(np.diff(values, 3)))) / 0.6745 / float(np.sqrt(20.0))
+
+
 def _noise(signal: CheckedSignal) -> Iterator[RecordFinding]:
     """Noise far above what the rig's sensor has."""
     if signal.is_input or not (signal.noise or signal.count):
         return
-    jumps = np.diff(signal.values, 3)
-    rms = float(np.median(np.abs(jumps))) / 0.6745 / np.sqrt(20.0)
+    rms = noise_rms(signal.values)
     usual = float(np.hypot(np.hypot(signal.noise, signal.count / np.sqrt(12.0)), signal.hum))
     if rms > 2.5 * usual and rms > 2e-3 * signal.span:
         yield RecordFinding(

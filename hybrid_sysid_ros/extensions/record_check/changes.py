@@ -1,0 +1,149 @@
+"""Changes: scale, delay, noise or zero of a signal that are others in a part of the record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hybrid_sysid_ros.extensions.record_check.alignment import CLEAR, SHARE, SHORTEST_LAG, Alignment, best_alignment
+from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, noise_rms
+from hybrid_sysid_ros.support.arrays import Array
+
+PIECES, FEWEST = 12, 40
+"""Pieces of a record that are compared, and fewest samples of each."""
+LAWFUL = 0.8
+"""Correlation of most pieces with the rig's physics from which another scale or delay is not the law's own fault."""
+OTHER_SCALE, OTHER_NOISE = 1.35, 2.5
+"""Ratios from which a part of a record has another scale, or another noise."""
+ALIKE, BETTER = 0.2, 0.25
+"""Scatter about two levels, in their distance, and squares about them, in those about a line, below which a part is
+another one: friction scatters, and a clock that is fast makes a line.
+"""
+JUMP, MOST_JUMPS, LASTING = 4.0, 3, 0.6
+"""Jump of a zero in the largest usual change, most of such jumps in a record, and share of a jump that lasts."""
+AROUND = 5
+"""Samples before and after a jump that show whether it lasts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherStretch:
+    """Pieces from ``first`` up to ``stop`` whose level is another one than that of the rest."""
+
+    first: int
+    stop: int
+    inside: float
+    outside: float
+
+
+def other_stretch(values: Array, least: float) -> OtherStretch | None:
+    """The stretch whose level differs by ``least`` at least, and clearly; values (pieces,), NaN where unknown."""
+    places = np.flatnonzero(np.isfinite(values))
+    known, count = values[places], len(places)
+    if count < PIECES // 2:
+        return None
+    best, found = np.inf, None
+    for first in range(count):
+        for stop in range(first + 2, count + 1):
+            inside = np.arange(count)[first:stop]
+            if 2 <= stop - first <= count - 2:
+                levels = known[inside].mean(), np.delete(known, inside).mean()
+                squares = float(np.var(known[inside]) * len(inside))
+                squares += float(np.var(np.delete(known, inside)) * (count - len(inside)))
+                if squares < best:
+                    best = squares
+                    found = OtherStretch(
+                        first=int(places[first]), stop=int(places[stop - 1]) + 1, inside=levels[0], outside=levels[1]
+                    )
+    if found is None:
+        return None
+    step = abs(found.inside - found.outside)
+    line = known - np.polyval(np.polyfit(places, known, 1), places)
+    return found if step > least and best < min(count * (ALIKE * step) ** 2, BETTER * float(line @ line)) else None
+
+
+def changes_of(signal: CheckedSignal, expected: Array, inputs: Sequence[Array], apart: int) -> Iterator[RecordFinding]:
+    """What changes along a record; expected: by the rig's physics, (samples,); apart: samples in which it changes."""
+    length = len(expected) // PIECES
+    if length < max(FEWEST, 4 * apart):
+        return
+    parts = [slice(k * length, (k + 1) * length) for k in range(PIECES)]
+    pieces = [_piece(signal, expected, part, apart) for part in parts]
+    lawful = float(np.median([piece.correlation if piece else 0.0 for piece in pieces])) > LAWFUL
+    clear = [piece if lawful and piece and piece.correlation > CLEAR else None for piece in pieces]
+
+    def found_in(values: list[float], least: float) -> OtherStretch | None:
+        found = other_stretch(np.array(values), least)
+        if found is None or found.first:
+            return found
+        return OtherStretch(first=found.stop, stop=PIECES, inside=found.outside, outside=found.inside)
+
+    def where(stretch: OtherStretch) -> str:
+        first, last = signal.at(stretch.first * length), signal.at(stretch.stop * length)
+        if stretch.stop == PIECES:
+            return f"from about {first} on"
+        return f"from about {first} to {last}" if stretch.first else f"until about {last}"
+
+    lags = found_in([piece.lag if piece else np.nan for piece in clear], max(SHORTEST_LAG, SHARE * apart))
+    scales = found_in([np.log(piece.scale) if piece else np.nan for piece in clear], float(np.log(OTHER_SCALE)))
+    if scales is not None:
+        ratio = float(np.exp(scales.inside - scales.outside))
+        yield RecordFinding(
+            kind="change of scale", cost=0.79,
+            words=f"{signal.name} moves {ratio:.3g} times as far as elsewhere {where(scales)}",
+            cure="was its unit, range or gain changed there? leave that part out (--part), or import the parts apart",
+        )  # fmt: skip
+    if lags is not None:
+        late = (lags.inside - lags.outside) * signal.period
+        yield RecordFinding(
+            kind="change of delay", cost=0.77,
+            words=f"{signal.name} is {late:+.3g} s later than elsewhere {where(lags)}",
+            cure="samples were lost or a clock was set there: import the parts before and behind apart",
+        )  # fmt: skip
+    if scales is None and lags is None:
+        yield from _jumps(signal, expected, inputs)
+    usual = max(float(np.hypot(signal.noise, signal.count)), 2e-3 * signal.span)
+    sizes = [float(np.hypot(noise_rms(signal.values[part]), usual)) for part in parts]
+    noises = other_stretch(np.log(sizes), float(np.log(OTHER_NOISE)))
+    if noises is not None and noises.inside > noises.outside and scales is None:
+        ratio = float(np.exp(noises.inside - noises.outside))
+        yield RecordFinding(
+            kind="change of noise", cost=0.6,
+            words=f"{signal.name} has {ratio:.3g} times the noise of the rest {where(noises)}",
+            cure="look for what was switched on then; leave that part out (--part)",
+        )  # fmt: skip
+
+
+def _piece(signal: CheckedSignal, expected: Array, part: slice, apart: int) -> Alignment | None:
+    good = ~signal.spoilt[part]
+    if np.ptp(expected[part]) == 0.0 or good.mean() < 0.5:
+        return None
+    length = part.stop - part.start
+    return best_alignment(signal.values[part], expected[part], good, apart, length // 3)
+
+
+def _jumps(signal: CheckedSignal, expected: Array, inputs: Sequence[Array]) -> Iterator[RecordFinding]:
+    """A zero that jumps: changes far beyond the usual ones, that last, and that no input or physics makes."""
+    y = signal.values
+    away = np.abs(np.diff(y))
+    least = max(JUMP * float(np.percentile(away, 99.5)), 8.0 * signal.noise, 4.0 * signal.count, 0.03 * signal.span)
+    places = [k for k in np.flatnonzero(away > least).tolist() if AROUND <= k < len(y) - AROUND - 1]
+    kept = []
+    for k in places:
+        before, after = np.median(y[k - AROUND + 1 : k + 1]), np.median(y[k + 1 : k + 1 + AROUND])
+        near = slice(max(k - AROUND, 0), k + AROUND)
+        driven = any(
+            np.abs(np.diff(u[near])).max() >= JUMP * max(np.median(np.abs(np.diff(u))), 1e-300) for u in inputs
+        )
+        lasts = abs(after - before) > LASTING * away[k] and not signal.spoilt[k - 1 : k + 3].any()
+        if lasts and np.ptp(expected[near]) < 0.5 * away[k] and not driven:
+            kept.append(k)
+    if kept and len(places) <= MOST_JUMPS:
+        yield RecordFinding(
+            kind="jump", cost=0.72,
+            words=f"{signal.name} jumps by {signal.shown(float(y[kept[0] + 1] - y[kept[0]]))} at "
+            f"{signal.at(kept[0] + 1)}, and no input does",
+            cure="was its zero set anew there, or did samples get lost? import the parts before and behind apart",
+        )  # fmt: skip
