@@ -10,7 +10,8 @@ from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.extensions.export.casadi_functions import export_casadi
 from hybrid_sysid_ros.support.errors import UserError
-from tests.structures import FURTHER, model_of
+from tests.model_samples import model_of
+from tests.structures import FURTHER
 
 
 @pytest.mark.parametrize("structure", ["lugre", "hybrid", *FURTHER])
