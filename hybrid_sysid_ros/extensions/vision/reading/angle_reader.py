@@ -17,7 +17,6 @@ from hybrid_sysid_ros.support.errors import UserError
 POINTS, FEW = 4000, 240  # texels that an alignment looks at, and those of a scan
 MARGIN = math.radians(3.0)  # by which a scan goes beyond what was seen
 SCAN_STEP = 1.5 / 640  # widths of the picture that the sprite's end moves from one scanned angle to the next
-NEAR, SCANNED_NEAR = 6.0, 9  # pixels of the sprite's end around a near angle, and angles that are scanned there
 STILL = 33  # pixels of a row that tell the light
 COVERED = 0.02  # a, above which a texel hides or colours what is behind it
 EXPLAINED = 0.35  # share of the points that the layers must explain
@@ -86,8 +85,8 @@ class AngleReader:
         self._few = np.ascontiguousarray(self.points[::stride])
         self._gains, self._out = np.ones(layers.background.shape[0]), np.empty(5)
 
-    def read(self, picture: NDArray[np.uint8], near: float | None = None) -> AngleReading:
-        """The angle of a picture (rows, columns), looked for everywhere, or only within some pixels of a near one.
+    def read(self, picture: NDArray[np.uint8]) -> AngleReading:
+        """The angle of a picture (rows, columns).
 
         Raises UserError for a picture of another size than the layers'.
         """
@@ -97,11 +96,9 @@ class AngleReader:
                 f"a picture of {columns}x{rows} pixels: the layers were learned at {own_columns}x{own_rows}; take one "
                 "of that size, or learn layers of this one"
             )
-        out, angles = self._out, self.angles
-        if near is not None:
-            angles = near + NEAR / self._reach * np.linspace(-1.0, 1.0, SCANNED_NEAR)
+        out = self._out
         read_angle(
-            picture, *self._planes, self._columns, self._rows, self.points, self._few, angles, self._reach,
+            picture, *self._planes, self._columns, self._rows, self.points, self._few, self.angles, self._reach,
             self._gains, out,
         )  # fmt: skip
         return self._reading(self._gains)

@@ -29,7 +29,6 @@ RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
 ROUNDS, MOST_ROUNDS = 4, 24
 """Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
 DIM = 0.3  # of the light of most pictures: what is darker is left out
-SCANNED = 2  # rounds in which each angle is looked for everywhere; then near where it was
 PIVOTED = 0.05  # pixels, so far; a picture shows a place to .1
 UNSETTLED = 0.3  # pixels: a pivot that is still farther on its way bends the angles
 ONWARD = 0.9  # cosine between two steps, above which they go one way, and are not noise
@@ -106,7 +105,7 @@ def learn(
         reader = AngleReader(layers)
         explained = np.zeros(len(film))
         for k, picture in enumerate(film):
-            reading = reader.read(picture, angles[k] if turn >= SCANNED and good[k] else None)
+            reading = reader.read(picture)
             gains[k], explained[k] = reader.gains, reading.explained
             angles[k] = reading.angle if reading.found else angles[k]
         good = explained >= EXPLAINED
