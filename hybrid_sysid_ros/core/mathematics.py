@@ -95,6 +95,11 @@ def dead_zone(x: Scalar, width: Scalar, smoothing: Scalar, *, over: float) -> Sc
     return casadi.if_else(casadi.fabs(x) < end, x * (mean - cubic + cubic * (x / end) ** 2), left)
 
 
+def soft_sign(x: Scalar, width: float, *, over: float) -> Scalar:
+    """tanh(x / width), a sign that turns round over a width [unit of x], for solvers over ``over``."""
+    return casadi.tanh(x / (over if _ROUNDED.get() else width))
+
+
 def backlash(
     twist: Scalar, rate: Scalar, *, gap: Scalar, stiffness: Scalar, damping: Scalar = 0.0, over: float = 1.5
 ) -> Scalar:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.core import Bristles, System, simulate
-from hybrid_sysid_ros.core.mathematics import clip, dead_zone, rounded, saturate, sided
+from hybrid_sysid_ros.core.mathematics import clip, dead_zone, rounded, saturate, sided, soft_sign
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 
 
@@ -55,6 +55,18 @@ def test_a_dead_zone_is_bridged_for_solvers_and_nowhere_flat():
     assert np.min(plain[:, 1]) < 0.02
     assert np.min(found[:, 1]) > 0.12
     assert np.max(np.abs(np.diff(found, axis=0)), axis=0) == pytest.approx([0.5, 0.0], abs=0.02)
+
+
+def test_a_soft_sign_turns_round_more_slowly_for_solvers():
+    """Its slope at 0 is one over the width; far away both are 1."""
+    exact = traced(lambda x: soft_sign(x, 0.2, over=1.0))
+    with rounded():
+        wide = traced(lambda x: soft_sign(x, 0.2, over=1.0))
+    for each, width in ((exact, 0.2), (wide, 1.0)):
+        value, slope = (float(part) for part in each(0.0)[:2])
+        assert value == 0.0
+        assert slope == pytest.approx(1.0 / width)
+        assert float(each(-20.0)[0]) == pytest.approx(-1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
-from hybrid_sysid_ros.core.mathematics import Scalar, cos, dead_zone, sin, tanh
+from hybrid_sysid_ros.core.mathematics import Scalar, cos, dead_zone, sin, soft_sign
 
 GRAVITY = 9.81
 """[m/s^2]."""
@@ -34,8 +34,8 @@ WHEEL_YAW_INERTIA = 0.25 * WHEEL * RADIUS**2
 
 BRIDGED = 1.75
 """Widths of the dead zone within which a solver sees a way through it."""
-CREEP = 0.2
-"""Speed over which the dry friction of a motor turns round [rad/s]."""
+CREEP, CREEP_FOR_SOLVERS = 0.2, 1.0
+"""Speeds over which the dry friction of a motor turns round [rad/s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,8 @@ class BalancingRobot(System):
     def torque(self, turning: Scalar, counts: Scalar) -> Scalar:
         """Of one motor on its wheel [N m]; turning: speed of the wheel against the body [rad/s]."""
         driven = self.gain * dead_zone(counts, self.dead_zone, self.rounding, over=BRIDGED)
-        return self.drive_inertia / self.time_constant * (driven - turning - self.coulomb * tanh(turning / CREEP))
+        dry = self.coulomb * soft_sign(turning, CREEP, over=CREEP_FOR_SOLVERS)
+        return self.drive_inertia / self.time_constant * (driven - turning - dry)
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         tilt, _, speed, tilt_rate, yaw_rate = x
