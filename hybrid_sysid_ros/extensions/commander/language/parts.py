@@ -35,7 +35,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
     """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then."""
     if following in ("V", "y", ";"):
         return any(letter in "VUOKTMu" for letter in before)
-    if re.search("Q.*RQ$", before) and following in ("Q", "T"):  # "1 V for 5 s, 2 V for 5 s"
+    if re.search("Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return _is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind == "V" for symbol in rest)
 
