@@ -1,7 +1,7 @@
-"""Problems like those of other solvers' documentation, solved from a cold start by the exact MPC and by IPOPT.
+"""Problems like those of other solvers' documentation, solved from a cold start by the exact MPC, IPOPT and acados.
 
-Both solve the same statement, IPOPT by multiple shooting from the same first guess. Times are those around the Python
-call of a cold start, the median of REPEATS.
+All solve the same statement from the same first guess. Times are those around the Python call of a cold start, the
+median of REPEATS; of acados, where it is installed, without what its interface sets and gets.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks import result
-from benchmarks.mpc_gallery import mechanics, picture, processes
+from benchmarks import acados_peer, result
+from benchmarks.mpc_gallery import acados, mechanics, picture, processes
 from benchmarks.mpc_gallery.case import Case
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, MpcSolution, Status
@@ -41,7 +41,7 @@ def timed(solver: Any, case: Case, repeats: int) -> tuple[MpcSolution, Array]:
 
 
 def compared(case: Case, repeats: int = REPEATS) -> tuple[dict[str, Any], tuple[Case, Array]]:
-    """Both solvers on one case, whose costs are those of the simulated plans; and its states (N + 1, n)."""
+    """All solvers on one case, whose costs are those of the simulated plans; and its states (N + 1, n)."""
     from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
 
     exact, peer = ExactMpc(case.system, case.problem), InteriorPointMpc(case.system, case.problem, tolerance=1e-10)
@@ -58,7 +58,30 @@ def compared(case: Case, repeats: int = REPEATS) -> tuple[dict[str, Any], tuple[
         "milliseconds": result.percentiles(1e3 * times),
         "ipopt_milliseconds": result.percentiles(1e3 * others),
     }
+    if acados_peer.installed():
+        figures["acados"] = of_acados(case, exact, best, repeats)
     return figures, (case, exact.follow(plan.inputs)[1])
+
+
+def of_acados(case: Case, exact: ExactMpc, best: float, repeats: int = REPEATS) -> dict[str, Any]:
+    """By set-up, cost above the best and time; and the fastest that finds the optimum, if one does."""
+    found = dict[str, Any]()
+    for set_up in acados.SET_UPS:
+        try:
+            peer = acados.AcadosCase(case, set_up)
+        except ValueError:
+            return {}
+        answers = [peer.solve() for _ in range(repeats + 1)]
+        excess = (exact.follow(answers[-1][0])[0] - best) / max(abs(best), 1e-9)
+        seconds = [answer[1] for answer in answers[1:]]
+        found[set_up.name] = {
+            "excess": excess if np.isfinite(excess) else None,
+            "iterations": answers[-1][2],
+            "milliseconds": result.percentiles(1e3 * np.array(seconds)),
+        }
+    optimal = [name for name, item in found.items() if item["excess"] is not None and item["excess"] <= CLOSE]
+    fastest = min(optimal, key=lambda name: found[name]["milliseconds"]["p50"], default=None)
+    return {"set_ups": found, "fastest": fastest}
 
 
 def times_as_fast(repeats: int = REPEATS) -> float:
@@ -71,7 +94,8 @@ def times_as_fast(repeats: int = REPEATS) -> float:
 
 def main() -> int:
     """Run, print a table, write the results."""
-    shown = Table("problem", "answer", "cost", "above IPOPT's", "steps", "p50", "IPOPT's p50", title="cold starts [ms]")
+    headings = ("problem", "answer", "cost", "above IPOPT's", "steps", "p50", "IPOPT's", "acados'", "by")
+    shown = Table(*headings, title="cold starts [ms]")
     results, machine, answers = {}, result.machine(), {}
     for name, make in CASES.items():
         case = make()
@@ -85,6 +109,7 @@ def main() -> int:
             str(found["iterations"]),
             f"{found['milliseconds']['p50']:.2f}",
             f"{found['ipopt_milliseconds']['p50']:.2f}",
+            *of_fastest(found),
         )
     print(picture.draw(PICTURE, answers))
     short = [name for name, found in results.items() if not same(found) or slower(found)]
@@ -103,8 +128,21 @@ def same(found: dict[str, Any]) -> bool:
 
 
 def slower(found: dict[str, Any]) -> bool:
-    """Whether IPOPT is faster."""
-    return bool(found["milliseconds"]["p50"] > found["ipopt_milliseconds"]["p50"])
+    """Whether IPOPT or acados is faster."""
+    peers, fastest = [found["ipopt_milliseconds"]["p50"]], found.get("acados", {}).get("fastest")
+    if fastest:
+        peers.append(found["acados"]["set_ups"][fastest]["milliseconds"]["p50"])
+    return bool(found["milliseconds"]["p50"] > min(peers))
+
+
+def of_fastest(found: dict[str, Any]) -> tuple[str, str]:
+    """Time and set-up of acados' fastest answer that is optimal, as cells."""
+    if not found.get("acados"):
+        return "", ""
+    fastest = found["acados"]["fastest"]
+    if fastest is None:
+        return "", "no set-up finds it"
+    return f"{found['acados']['set_ups'][fastest]['milliseconds']['p50']:.2f}", fastest
 
 
 if __name__ == "__main__":
