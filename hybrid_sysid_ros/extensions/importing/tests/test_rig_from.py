@@ -69,12 +69,13 @@ def test_a_dead_time_of_many_samples_is_found(program, tmp_path, monkeypatch, de
     driven = np.concatenate([inputs, np.full(dead, inputs[-1])])[dead:]  # what acts k + dead stands in row k
     table = np.column_stack([times, driven, outputs])[: 3000 - dead]
     np.savetxt("log.csv", table, delimiter=",", header="time,heater,temperature", comments="", fmt="%.12g")
-    assert program("rig", "from", "log.csv", f"./oven_{dead}")[0] == 0
-    rig = hs.load_rig(f"./oven_{dead}")
+    status, _, error = program("rig", "from", "log.csv", f"./late_oven_{dead}")
+    assert status == 0, error
+    rig = hs.load_rig(f"./late_oven_{dead}")
     assert rig.system.delay == pytest.approx(0.01 * dead, rel=0.15)
     assert rig.system.named["time_constant"] == pytest.approx(0.01 * PERIODS, rel=0.1)
     if dead:
-        assert program("import", "log.csv", "--rig", f"./oven_{dead}")[0] == 0
+        assert program("import", "log.csv", "--rig", f"./late_oven_{dead}")[0] == 0
         model = hs.identify(hs.read_bag("bags/log", rig), rig, "gray")
         assert model.parameters["heater_delay"] == pytest.approx(0.01 * dead, abs=2e-3)
 
