@@ -282,13 +282,13 @@ class _Matcher:
 
     def paces(self, quantities: Sequence[tuple[float, Unit | None]]) -> bool:
         """Whether the last of some quantities says how fast or often, and one before it does not."""
-        tracked = self.vocabulary.tracked
-        rates = [unit.rate for k in tracked for unit in self.vocabulary.units_of(k)]
-        own = [unit for k in tracked for unit in self.vocabulary.units_of(k)]
+        own = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
+        rates = [unit.rate for unit in own]
 
         def is_pace(unit: Unit | None) -> bool:
-            alike = unit is not None and any(map(unit.alike, rates)) and not any(map(unit.alike, own))
-            return unit is not None and (unit.base == FREQUENCY or alike)
+            if unit is None or unit.base == FREQUENCY:
+                return unit is not None
+            return any(map(unit.alike, rates)) and not any(map(unit.alike, own))
 
         *before, (_, last) = quantities or [(0.0, None)]
         return is_pace(last) and not any(unit is None or is_pace(unit) for _, unit in before)
