@@ -86,6 +86,8 @@ def test_what_is_printed_does_not_depend_on_where_arrays_are(joint):
         printer = unit.translated(loop, each.estimator._arrays, "joint", single=True)
         texts.append(unit.texts(printer, loop, title="", about={}, seal="", soft=each.mpc.shooting.memory[-1]))
     assert texts[0] == texts[1]
+    assert "joint_mean_of(" in texts[0]["joint.c"]
+    assert "joint_mean_of_2(" not in texts[0]["joint.c"], "there is one filter"
 
 
 def test_in_a_faulty_loop_a_sensor_is_left_out_and_a_second_estimate_brings_it_back(joint, monkeypatch):

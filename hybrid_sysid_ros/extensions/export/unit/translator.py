@@ -191,9 +191,9 @@ def _key(value: Value) -> Any:
         case KnownValue(value=bool() | int() | np.integer() | np.bool_() | None as number):
             return type(number), number
         case KnownValue(value=thing):
-            return id(thing)
+            return _identity(thing)
         case RecordValue(live=live, kind=kind):
-            return ("item", kind.names) if live is None else id(live.base if live.base is not None else live)
+            return ("item", kind.names) if live is None else _identity(np.asarray(live))
         case NumberValue(kind=kind):
             return kind
         case ArrayView(kind=kind, shape=shape):
@@ -208,8 +208,21 @@ def _key(value: Value) -> Any:
 
 
 def _cells(function: FunctionType) -> Any:
-    values = (cell.cell_contents for cell in function.__closure__ or ())
-    return tuple(value if isinstance(value, int | float | str) else id(value) for value in values)
+    return _identity(tuple(cell.cell_contents for cell in function.__closure__ or ()))
+
+
+def _identity(thing: Any) -> Any:
+    """What a thing is known by. Views and tuples are made anew wherever they are asked for, and the next one may lie
+    where the last one lay: they are known by what they hold.
+    """
+    match thing:
+        case np.ndarray():
+            return thing.ctypes.data, thing.shape, thing.dtype.names
+        case tuple():
+            return tuple(map(_identity, thing))
+        case int() | float() | str() | None:
+            return type(thing), thing
+    return id(thing)
 
 
 def _about(function: FunctionType) -> str:
