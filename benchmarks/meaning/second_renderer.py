@@ -152,7 +152,7 @@ class SecondRenderer:
         moments = time + case.exposure * ((np.arange(INSTANTS) + 0.5) / INSTANTS - 0.5)
         places = [self._places(float(moment), pose[1]) for moment in moments]
         if case.shadow:
-            self._shadow(still, places[INSTANTS // 2])
+            self._shadow(still, places)
             total = cv2.LUT(still, LINEAR)
         seen = np.vstack(places)
         first = np.clip(np.floor(seen.min(axis=0)) - 3, 0, whole).astype(int)
@@ -288,12 +288,14 @@ class SecondRenderer:
         drawn = np.asarray(canvas.buffer_rgba()).astype(np.float32) / 255.0
         return drawn[..., 0], drawn[..., 3]
 
-    def _shadow(self, picture: Image, points: Image) -> None:
-        """That of the sprite's first part, on the wall."""
+    def _shadow(self, picture: Image, places: list[Image]) -> None:
+        """That of the sprite's first part, on the wall, over the exposure."""
         (first, last), _ = self.parts[0][0][0]
-        canvas = RendererAgg(*picture.shape[::-1], 72)  # type: ignore[call-arg]
-        _fill(canvas, [points[first:last] + np.array([0.012, 0.016]) * self.size], 1.0)
-        cover = np.asarray(canvas.buffer_rgba())[..., 3] // 3
+        cover: Image = np.zeros_like(picture)
+        for points in places:
+            canvas = RendererAgg(*picture.shape[::-1], 72)  # type: ignore[call-arg]
+            _fill(canvas, [points[first:last] + np.array([0.012, 0.016]) * self.size], 1.0)
+            cover += np.asarray(canvas.buffer_rgba())[..., 3] // (3 * INSTANTS)
         cover = cv2.blur(cover, (5, 5))
         cv2.multiply(picture, 255 - cover, dst=picture, scale=1.0 / 255.0)
 
