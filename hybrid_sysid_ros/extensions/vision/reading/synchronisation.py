@@ -60,17 +60,19 @@ class Synchronisation:
 
 
 def synchronise(
-    film: Array, angles: Array, bag: Array, positions: Array, *, near: float | None = None
+    film: Array, angles: Array, bag: Array, positions: Array, *, exposure: float = 0.0, near: float | None = None
 ) -> Synchronisation:
     """Shift, rate, scale and offset between the angles (frames,) [rad] that a film shows at its times and the positions
     (samples,) [rad] that a bag has at its own, uniform times, both [s]. Frames without an angle are NaN.
 
-    near: a shift to look around, as the lamp tells; without it everywhere. The noise of both is taken down by the same
-    low-pass, without a delay; then least squares with robust weights over all four.
+    exposure [s]: of the film, over which positions are averaged, as a picture's angle is. near: a shift to look around,
+    as the lamp tells; without it everywhere. The noise of both is taken down by the same low-pass, without a delay;
+    then least squares with robust weights over all four.
 
     Raises UserError where they have too little in common, are of two motions, or the film is mirrored, or its times
     are of another rate than it was taken at or run unevenly.
     """
+    positions = exposed(positions, bag, exposure)
     try:
         found = _synchronised(film, angles, bag, positions, near)
     except UserError:
@@ -202,6 +204,15 @@ def low_passed(values: Array, period: float) -> Array:
         return values
     sections = butter(4, LOW_PASS, fs=1.0 / period, output="sos")
     return np.asarray(sosfiltfilt(sections, values, padlen=min(len(values) - 1, round(1.0 / period))))
+
+
+def exposed(values: Array, times: Array, exposure: float) -> Array:
+    """Means of samples at times (n,) [s] over an exposure [s] about each; the first and last ones stay in between."""
+    if not exposure:
+        return values
+    area, half = CubicSpline(times, values).antiderivative(), exposure / 2.0
+    low, high = np.maximum(times - half, times[0]), np.minimum(times + half, times[-1])
+    return np.asarray((area(high) - area(low)) / (high - low))
 
 
 def _evenly(times: Array, angles: Array) -> Array:

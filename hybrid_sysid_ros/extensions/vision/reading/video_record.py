@@ -94,7 +94,7 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
         )  # fmt: skip
     reference = joint_reference(rig, geometry.joint, bag)
     seen = footage.angles if reference.kind is MotionSource.POSITION else _speeds(footage)
-    found = synchronise(footage.seen, seen, reference.times, reference.values)
+    found = synchronise(footage.seen, seen, reference.times, reference.values, exposure=exposure)
     scale = found.scale if _off_scale(found, reference) else geometry.scale
     by_position = reference.kind is MotionSource.POSITION
     if by_position:  # what is not linear beside the sensor is no angle that is known better than that

@@ -40,6 +40,17 @@ def test_shift_rate_scale_and_offset_come_back(seed: int) -> None:
     assert (np.abs(errors) < 5 * found.deviations).all()
 
 
+def test_a_long_exposure_changes_no_scale() -> None:
+    """The mean over an exposure e of a motion of frequency w is smaller by sin(w e / 2) / (w e / 2): .7 % at 2 Hz."""
+    bag, film, exposure, turn = _times(0.0, 20.0, 0.005), _times(0.5, 19.0, 1 / 30), 0.033, 4.0 * np.pi
+    smaller = np.sinc(turn * exposure / 2.0 / np.pi)
+    found = synchronise(film, 0.1 * smaller * np.sin(turn * film), bag, 0.1 * np.sin(turn * bag), exposure=exposure)
+    assert found.scale == pytest.approx(1.0, abs=2e-4)
+    assert synchronise(film, 0.1 * np.sin(turn * film), bag, 0.1 * np.sin(turn * bag)).scale == pytest.approx(
+        1.0, abs=2e-4
+    )
+
+
 @pytest.mark.parametrize("side", [0.0, 0.5])
 def test_a_view_from_the_side_bends_the_angles_by_what_is_reported(side: float) -> None:
     """A bar that is looked at from the side by s: tan(seen) = tan(true) / cos(s), about a true angle of .6 rad."""
