@@ -175,15 +175,13 @@ def _median(histogram: NDArray[np.int64], count: int) -> float:
 
 
 @inner
-def light(
-    picture: NDArray[np.uint8], background: Plane, columns: NDArray[np.int32], rows: tuple[int, int], gains: Array
-) -> None:
-    """The gain of each row between ``rows``, by the median of what its still pixels show beside the background: columns
-    (rows, pixels), -1 for none. It is smoothed over neighbours, as light changes slowly over rows, and interpolated
-    where no pixel stands.
+def light(picture: NDArray[np.uint8], background: Plane, columns: NDArray[np.int32], gains: Array) -> None:
+    """The gain of each row, by the median of what its still pixels show beside the background: columns (rows, pixels),
+    -1 for none. It is smoothed over neighbours, as light changes slowly over rows, and interpolated where none stands.
     """
-    ratios, raw = np.empty(columns.shape[1]), np.full(picture.shape[0], np.nan)
-    for y in range(rows[0], rows[1]):
+    height = picture.shape[0]
+    ratios, raw = np.empty(columns.shape[1]), np.full(height, np.nan)
+    for y in range(height):
         found = 0
         for k in range(columns.shape[1]):
             x = columns[y, k]
@@ -194,30 +192,29 @@ def light(
             few = ratios[:found]
             few.sort()
             raw[y] = 0.5 * (few[found // 2] + few[(found - 1) // 2])
-    half = max(picture.shape[0] // 60, 1)
-    for y in range(rows[0], rows[1]):
+    half = max(height // 60, 1)
+    for y in range(height):
         total = weights = 0.0
-        for near in range(max(y - half, rows[0]), min(y + half + 1, rows[1])):
+        for near in range(max(y - half, 0), min(y + half + 1, height)):
             if raw[near] == raw[near]:
                 weight = half + 1.0 - abs(near - y)
                 total += weight * raw[near]
                 weights += weight
         gains[y] = total / weights if weights > 0.0 else np.nan
-    swept = gains[rows[0] : rows[1]]
-    known = np.flatnonzero(np.isfinite(swept))
-    swept[:] = np.interp(np.arange(swept.size), known, swept[known]) if known.size else np.ones(swept.size)
+    known = np.flatnonzero(np.isfinite(gains))
+    gains[:] = np.interp(np.arange(height), known, gains[known]) if known.size else np.ones(height)
 
 
 @kernel
 def read_angle(
     picture: NDArray[np.uint8], background: Plane, alpha: Plane, texture: Plane, first: tuple[float, float],
-    pivot: tuple[float, float], columns: NDArray[np.int32], rows: tuple[int, int], points: Points, few: Points,
-    angles: Array, reach: float, gains: Array, out: Array,
+    pivot: tuple[float, float], columns: NDArray[np.int32], points: Points, few: Points, angles: Array, reach: float,
+    gains: Array, out: Array,
 ) -> None:  # fmt: skip
     """The angle of a picture: the light by the still pixels, a scan of ``angles`` with a ``few`` points, alignment of
     its best candidates, and of the best of these with all points. out: see :func:`aligned`.
     """
-    light(picture, background, columns, rows, gains)
+    light(picture, background, columns, gains)
     costs = np.empty(angles.shape[0])
     for k in range(angles.shape[0]):
         costs[k] = scanned(picture, background, alpha, texture, first, pivot, gains, few, angles[k])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.reading.alignment import align_freely, align_from, read_angle
-from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers, interpolated
+from hybrid_sysid_ros.extensions.vision.reading.layers import SATURATED, PictureLayers, interpolated
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -18,6 +18,7 @@ POINTS, FEW = 4000, 240  # texels that an alignment looks at, and those of a sca
 MARGIN = math.radians(3.0)  # by which a scan goes beyond what was seen
 SCAN_STEP = 1.5 / 640  # widths of the picture that the sprite's end moves from one scanned angle to the next
 STILL = 33  # pixels of a row that tell the light
+WITNESSES = 0.3  # of the width: still pixels by which a row tells its light, twice as broad as one who walks by
 COVERED = 0.02  # a, above which a texel hides or colours what is behind it
 EXPLAINED = 0.35  # share of the points that the layers must explain
 LIT = 0.05  # share of the light under which the layers were learned, below which noise may pass for a sprite
@@ -26,7 +27,7 @@ STANDS = 0.97
 """Correlation of what stands in pictures with the background, below which the camera was moved, by four of 640 pixels
 or a degree of roll, or they are of something else; noise of 8 counts leaves .987 in a single one."""
 EVEN = 2.0  # counts: what stands differs by less, and tells nothing
-DARK = 8.0  # counts: a background below it tells nothing of the light
+DARK = 8.0  # counts: a background below it tells nothing of the light; nor does one that is white
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +77,7 @@ class AngleReader:
         self.angles = self._angles()
         self.swept = self._swept()
         """Pixels (rows, columns) that the sprite comes over, with a pixel around."""
-        self._columns, self._rows = self._still(self.swept)
+        self._columns = self._still(self.swept)
         still = np.flatnonzero(~self.swept)
         self._scenery = np.random.default_rng(0).choice(still, min(SCENERY, len(still)), replace=False)
         self.points = self._informative()
@@ -98,8 +99,7 @@ class AngleReader:
             )
         out = self._out
         read_angle(
-            picture, *self._planes, self._columns, self._rows, self.points, self._few, self.angles, self._reach,
-            self._gains, out,
+            picture, *self._planes, self._columns, self.points, self._few, self.angles, self._reach, self._gains, out
         )  # fmt: skip
         return self._reading(self._gains)
 
@@ -149,8 +149,7 @@ class AngleReader:
         return self._lit(self._gains)
 
     def _lit(self, gains: Array) -> bool:
-        first, last = self._rows
-        return bool(np.median(gains[first:last]) >= LIT)
+        return bool(np.median(gains) >= LIT)
 
     def _reading(self, gains: Array) -> AngleReading:
         angle, variance, difference, row, explained = self._out.tolist()
@@ -188,18 +187,20 @@ class AngleReader:
                 grown |= np.roll(found, shift, axis)
         return grown
 
-    def _still(self, swept: NDArray[np.bool_]) -> tuple[NDArray[np.int32], tuple[int, int]]:
-        """Some pixels of each row that the sprite never comes over, and the rows, first and one behind the last, that
-        it does come over.
+    def _still(self, swept: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Columns (rows, pixels) of some pixels of each row that the sprite never comes over, -1 for none; a row where
+        these are so few that one who walks by may hide most of them has none.
         """
-        rows = np.flatnonzero(swept.any(axis=1))
-        first, last = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 1)
+        background = self.layers.background
+        good = ~swept & (background > DARK) & (background < SATURATED)
+        counts = good.sum(axis=1)
+        enough = min(WITNESSES * swept.shape[1], counts.max())
         columns: NDArray[np.int32] = np.full((len(swept), STILL), -1, dtype=np.int32)
-        for y in range(first, last):
-            good = np.flatnonzero(~swept[y] & (self.layers.background[y] > DARK))
-            chosen = good[np.linspace(0, len(good) - 1, min(STILL, len(good))).astype(int)] if len(good) else good
+        for y in np.flatnonzero((counts >= enough) & (counts > 0)):
+            places = np.flatnonzero(good[y])
+            chosen = places[np.linspace(0, len(places) - 1, min(STILL, len(places))).astype(int)]
             columns[y, : len(chosen)] = chosen
-        return columns, (first, last)
+        return columns
 
     def _informative(self) -> NDArray[np.float32]:
         """Texels (points, 2) where the picture changes most with the angle, along the sprite."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,17 @@ def test_rows_that_the_joint_comes_over_whole_have_the_light_of_those_around_the
     reader._columns[160:200] = -1
     reader.read(np.clip(0.6 * layers.drawn(0.05), 0.0, 255.0).astype(np.uint8))
     assert reader.gains[150:210] == pytest.approx(0.6, abs=0.01)
+
+
+def test_who_stands_behind_the_pivot_is_not_taken_for_light() -> None:
+    """There the rows leave but a narrow place between the bar's two sides, which one person fills."""
+    layers = painted_layers(RIG, CAMERA)
+    background = layers.background.copy()
+    background[:, 280:360] *= 0.5
+    picture = np.clip(replace(layers, background=background).drawn(0.05), 0.0, 255.0).astype(np.uint8)
+    reader = AngleReader(layers)
+    assert math.degrees(reader.read(picture).angle - 0.05) == pytest.approx(0.0, abs=0.01)
+    assert reader.gains == pytest.approx(1.0, abs=0.02)
 
 
 def test_who_hides_the_middle_does_not_lose_the_sprite(reader: AngleReader) -> None:
