@@ -1,4 +1,4 @@
-"""Film view: a film as it is read, seen squarely and as if its camera stood (OpenCV)."""
+"""Film view: a film as it is read, seen squarely, as if its camera stood and its light did not lean (OpenCV)."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.film import pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, motion_of_camera, moved
+from hybrid_sysid_ros.extensions.vision.reading.light_across import LightAcross, light_across
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -21,20 +22,24 @@ KEPT = 400_000_000  # bytes of pictures: 55 s of 640x360 at 30 a second
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilmView:
-    """A film as it is read: seen squarely, where four marks tell how, with the camera's motion taken out."""
+    """A film as it is read: seen squarely, where marks tell how, without the camera's motion and its light's lean."""
 
     path: Path
     square: NDArray[np.float64] | None = None
     """Homography (3, 3) from places in the film's pictures to those in what is seen squarely [pixels]."""
     motion: CameraMotion | None = None
     """The camera's own, which is taken out; None where it is not known."""
+    light: LightAcross | None = None
+    """How it leans, which is taken out; None where it does not."""
     kept: tuple[tuple[float, Picture], ...] = ()
     """Its times and pictures without the motion taken out, where they fit into KEPT."""
 
     def pictures(self) -> Iterator[tuple[float, Picture]]:
         """Times [s] and pictures. Raises UserError where the film can't be read."""
         for number, (time, picture) in enumerate(self.kept or self._decoded()):
-            yield time, picture if self.motion is None else self.motion.taken_out(picture, number)
+            for disturbance in (self.motion, self.light):
+                picture = picture if disturbance is None else disturbance.taken_out(picture, number)
+            yield time, picture
 
     def _decoded(self) -> Iterator[tuple[float, Picture]]:
         for time, picture in pictures(self.path):
@@ -62,9 +67,10 @@ class FilmView:
         return np.asarray(places[:, 1])
 
     def steadied(self, background: NDArray[np.floating] | None = None) -> FilmView:
-        """The same with the camera's motion taken out; see :func:`motion_of_camera`."""
+        """The same with motion and light taken out; see :func:`motion_of_camera` and :func:`light_across`."""
         held = self._held()
-        return replace(held, motion=motion_of_camera(held.pictures, background))
+        held = replace(held, motion=motion_of_camera(held.pictures, background))
+        return replace(held, light=light_across(held.pictures, background))
 
 
 def squared(picture: Picture, square: NDArray[np.float64]) -> Picture:

@@ -83,6 +83,8 @@ class Footage:
         found = []
         if (motion := self.motion) is not None and not motion.steady:
             found.append(f"the camera moves by {motion.shake:.2g} pixels, rms, by what stands: taken out")
+        if self.view is not None and self.view.light is not None:
+            found.append(f"the light leans from side to side by {self.view.light.size:.0%}, rms: taken out")
         if self.stated_rate and abs(self.rate / self.stated_rate - 1.0) > OTHER_RATE:
             found.append(f"its head says {self.stated_rate:.4g} pictures/s, their times {self.rate:.4g}: these count")
         if self.frozen.any():
