@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,9 @@ OUTLIER = 5.0  # deviations
 WANDERS = 0.12  # pixels of 640: a pivot that moves less, rms, stands
 LEAVES = 3.0  # pixels of 640: one that moves more, the camera's motion taken out, is no pivot
 ORDER = 10  # of the differences that show what is new in each picture
+GROWS = 1.25 * math.sqrt(ORDER + 1.0)
+"""Times as much every second picture tells of an error that is kept for two, by ORDER's binomials, and
+a quarter for what medians of some hundred differences are uncertain by."""
 SLOWEST = 23.0  # pictures a second, at which a joint's motion has no part in them yet
 GAP = 1.5  # times as far apart as most are pictures between which one is missing
 CHI_SQUARE = 0.455  # median, of one degree of freedom
@@ -83,7 +87,7 @@ def scatter(times: Array, angles: Array, period: float = 0.0) -> float:
     any; 0 where too few follow one another. period: of angles that go round, 0 for others.
 
     A codec keeps its errors from one picture to the next. Where pictures are many, every second, fourth and eighth tell
-    it, too, as long as they are SLOWEST, and the largest of these counts.
+    it, too, as long as they are SLOWEST, and the largest of these counts. What grows by more than GROWS is the motion.
     """
     known = np.isfinite(angles)
     when, seen = times[known], np.unwrap(angles[known], period=period) if period else angles[known]
@@ -93,7 +97,9 @@ def scatter(times: Array, angles: Array, period: float = 0.0) -> float:
     most = _new(when, seen, stride, usual)
     while 2 * stride * usual * SLOWEST <= 1.0:
         stride *= 2
-        most = max(most, _new(when, seen, stride, usual))
+        if (new := _new(when, seen, stride, usual)) > GROWS * most:
+            break
+        most = max(most, new)
     return most
 
 

@@ -97,11 +97,9 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     found = synchronise(footage.seen, seen, reference.times, reference.values, exposure=exposure)
     scale = found.scale if _off_scale(found, reference) else geometry.scale
     by_position = reference.kind is MotionSource.POSITION
-    if by_position:  # what is not linear beside the sensor is no angle that is known better than that
-        footage = replace(footage, deviations=np.hypot(footage.deviations, found.bend / abs(found.scale)))
-    if reference.kind is not MotionSource.INPUT:  # nor at a time that wanders
-        late = found.wander * np.gradient(angles, footage.seen)
-        footage = replace(footage, deviations=np.hypot(footage.deviations, late))
+    if by_position:  # what is not linear beside the sensor, or at times that wander, is no angle that is known better
+        beside = np.hypot(found.bend / abs(found.scale), found.wander * np.gradient(angles, footage.seen))
+        footage = replace(footage, deviations=np.hypot(footage.deviations, beside))
     return VideoRecord(
         footage=footage,
         onset=lamp,

@@ -35,6 +35,13 @@ def test_errors_that_a_codec_keeps_for_some_pictures_scatter_as_much() -> None:
     assert scatter(times, angles) == pytest.approx(NOISE, rel=0.15)
 
 
+def test_a_fast_motion_is_no_scatter_of_every_second_picture() -> None:
+    """At 60 pictures a second 7 Hz are far below half of their rate, but not of that of every second one."""
+    times: Array = np.arange(1200) / 60.0
+    noise = NOISE * np.random.default_rng(0).standard_normal(1200)
+    assert scatter(times, 0.05 * np.sin(2.0 * np.pi * 7.0 * times) + noise) == pytest.approx(NOISE, rel=0.15)
+
+
 def test_few_pictures_have_no_scatter() -> None:
     few: Array = np.arange(12, dtype=np.float64)
     assert scatter(few, 0.0 * few) == 0.0
