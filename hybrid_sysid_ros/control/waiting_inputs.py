@@ -3,17 +3,124 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import Controller, MpcSolution, assign_stages
+from hybrid_sysid_ros.control.mpc.linearisation import assign
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.rollout import step_with_jacobian
+from hybrid_sysid_ros.core.call import call_jacobian
+from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.support.arrays import Array
 
-ROUNDING = 1e-9  # s
+WAIT_ROUNDING = 1e-9  # s
+UNUSED = -1.0
+"""Age of a place that holds no inputs."""
+
+
+class InputsOnTheirWay(NamedTuple):
+    """Inputs that were planned and still wait, the newest first, and the model that says what they change."""
+
+    waits: Array
+    """(m,): for how long each input waits [s]."""
+    ages: Array
+    """(length,): time since they were planned [s]."""
+    planned: Array
+    """(length, m)."""
+    step: float
+    """By which they are followed [s]."""
+    jacobian: int
+    """Address of the model's step with derivatives."""
+    parameters: Array
+    weights: Array
+
+
+@inner
+def forget_inputs(on_way: InputsOnTheirWay) -> None:
+    """Forget what is on its way."""
+    for k in range(on_way.ages.shape[0]):
+        on_way.ages[k] = UNUSED
+
+
+@inner
+def let_inputs_age(on_way: InputsOnTheirWay, elapsed: float) -> None:
+    """Let time [s] pass."""
+    for k in range(on_way.ages.shape[0]):
+        if on_way.ages[k] >= 0.0:
+            on_way.ages[k] += elapsed
+
+
+@inner
+def add_inputs(on_way: InputsOnTheirWay, planned: Array) -> None:
+    """Let planned inputs (m,) wait."""
+    for k in range(on_way.ages.shape[0] - 1, 0, -1):
+        on_way.ages[k] = on_way.ages[k - 1]
+        assign(on_way.planned[k], on_way.planned[k - 1])
+    on_way.ages[0] = 0.0
+    assign(on_way.planned[0], planned)
+
+
+@inner
+def planned_last(on_way: InputsOnTheirWay, previous: Array) -> None:
+    """Put the inputs that were planned last in the place of those sent last (m,), where they wait."""
+    for j in range(previous.shape[0]):
+        if on_way.ages[0] >= 0.0 and on_way.waits[j] > 0.0:
+            previous[j] = on_way.planned[0, j]
+
+
+@inner
+def due_input(on_way: InputsOnTheirWay, j: int, since: float, held: float) -> float:
+    """Input j that is due a time ``since`` from now [s]: the last that was planned its wait ago, or else ``held``."""
+    for k in range(on_way.ages.shape[0]):
+        if on_way.ages[k] >= 0.0 and on_way.ages[k] + since >= on_way.waits[j] - WAIT_ROUNDING:
+            return on_way.planned[k, j]  # type: ignore[no-any-return]
+    return held
+
+
+@inner
+def due_inputs(on_way: InputsOnTheirWay, held: Array, due: Array) -> None:
+    """The inputs (m,) that are due now."""
+    for j in range(due.shape[0]):
+        due[j] = due_input(on_way, j, 0.0, held[j])
+
+
+@inner
+def add_effect(on_way: InputsOnTheirWay, disturbance: Array, held: Array, state: Array) -> None:
+    """Add the effect of what is on its way to a state (n,), which was predicted as if inputs ``held`` (m,) stayed: by
+    the model's derivatives there, along the longest wait.
+    """
+    n, m, longest = state.shape[0], held.shape[0], 0.0
+    moved, before, drive, following = np.zeros(n), np.zeros(n), np.zeros(m), np.zeros(n)
+    jacobian = np.zeros((n, n + m))
+    for a in range(n):
+        if not math.isfinite(state[a]):
+            return
+    for j in range(m):
+        drive[j] = held[j] + disturbance[j]
+        longest = max(longest, on_way.waits[j])
+    parameters, weights, h = on_way.parameters, on_way.weights, on_way.step
+    call_jacobian(on_way.jacobian, state, drive, parameters, weights, h, 0.0, following, jacobian)
+    for k in range(math.ceil(longest / h - WAIT_ROUNDING)):
+        assign(before, moved)
+        for a in range(n):
+            moved[a] = 0.0
+            for b in range(n):
+                moved[a] += jacobian[a, b] * before[b]
+        for j in range(m):
+            since = k * h - (longest - on_way.waits[j])  # from now on, until what is sent then acts
+            if on_way.waits[j] > 0.0 and since > -WAIT_ROUNDING:
+                change = due_input(on_way, j, since, held[j]) - held[j]
+                for a in range(n):
+                    moved[a] += jacobian[a, n + j] * change
+    for a in range(n):
+        state[a] += moved[a]
+
+
+@kernel
+def _add_effect(on_way: InputsOnTheirWay, disturbance: Array, held: Array, state: Array) -> None:
+    add_effect(on_way, disturbance, held, state)
 
 
 class WaitingInputs:
@@ -25,18 +132,25 @@ class WaitingInputs:
 
     def __init__(self, controller: Controller, system: System, *, step: float) -> None:
         """system: what the controller predicts; step: by which inputs on their way are followed [s]."""
-        self.controller, self.system = controller, system
+        self.controller = controller
         self.horizon, self.period = controller.horizon, controller.period
-        self._waits = system.delay - system.input_delays
-        self._longest = float(self._waits.max())
-        self._step = step
+        waits = system.delay - system.input_delays
+        length = math.ceil(float(waits.max()) / step) + 2  # as many as if each step had a call
+        self.on_way = InputsOnTheirWay(
+            waits=waits,
+            ages=np.zeros(length),
+            planned=np.zeros((length, len(waits))),
+            step=step,
+            jacobian=compiled(system).jacobian(output=False, smooth=False, learn=False)[0],
+            parameters=system.values,
+            weights=system.weights,
+        )
         self.reset()
 
     def reset(self) -> None:
         """Forget what is on its way."""
         self.controller.reset()
-        self._given: deque[tuple[float, Array]] = deque()
-        self._time = 0.0
+        forget_inputs(self.on_way)
 
     def assign(self, **values: Any) -> None:
         """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.assign`."""
@@ -44,39 +158,16 @@ class WaitingInputs:
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`; the plan's input is that which is due now."""
-        now, before = self._time, previous_input
-        if self._given:
-            before = np.where(self._waits > 0.0, self._given[-1][1], previous_input)
-        reached = self._reached(now, state, disturbance, previous_input)
+        held = np.array(previous_input, dtype=float)
+        reached, before, due = np.array(state, dtype=float), held.copy(), np.empty(len(held))
+        _add_effect(self.on_way, np.asarray(disturbance, dtype=float), held, reached)
+        planned_last(self.on_way, before)
         plan = self.controller.control(reached, disturbance, before, preview)
-        self._given.append((now, plan.input))
-        while len(self._given) > 1 and self._given[1][0] <= now - self._longest:
-            self._given.popleft()
-        return plan._replace(input=self._due(np.full(len(before), now), previous_input))
+        add_inputs(self.on_way, plan.input)
+        due_inputs(self.on_way, held, due)
+        return plan._replace(input=due)
 
     def prepare(self, elapsed: float) -> None:
         """Let time pass, and the controller prepare its next answer."""
-        self._time += elapsed
+        let_inputs_age(self.on_way, elapsed)
         self.controller.prepare(elapsed)
-
-    def _due(self, times: Array, held: Array) -> Array:
-        """Inputs that are due at times (m,) [s]: each the last that was given its wait ago, or ``held`` before."""
-        found = np.array(held, dtype=float)
-        for j, latest in enumerate(times - self._waits + ROUNDING):
-            found[j] = next((inputs[j] for given, inputs in reversed(self._given) if given <= latest), found[j])
-        return found
-
-    def _reached(self, now: float, state: Array, disturbance: Array, held: Array) -> Array:
-        """The state (n,) with the effect of what is on its way; ``held`` (m,): what it was predicted with."""
-        changes = []
-        for k in range(math.ceil(self._longest / self._step - ROUNDING)):
-            since = k * self._step - (self._longest - self._waits)  # from now on, until what is sent then acts
-            under_way = (since > -ROUNDING) & (self._waits > 0.0)
-            changes.append(np.where(under_way, self._due(now + since, held) - held, 0.0))
-        if not np.isfinite(state).all() or not np.any(changes):
-            return state
-        _, jacobian = step_with_jacobian(self.system, state, held + disturbance, step=self._step)
-        n, moved = len(state), np.zeros(len(state))
-        for change in changes:
-            moved = jacobian[:, :n] @ moved + jacobian[:, n : n + len(held)] @ change
-        return state + moved

@@ -12,6 +12,7 @@ from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.core.trace import shown_states
 from hybrid_sysid_ros.estimation.belief import CHANNEL, CORE, EMPTY, GIVEN, INITIALISED, MOMENT, READING, USED, Memory
+from hybrid_sysid_ros.estimation.measurement_sequence import LARGEST_INPUT
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Array, Records
 
@@ -43,7 +44,7 @@ class Initialisation:
         memory, known = self.memory, self.arrays["applied"]
         memory.core["count"] = 1
         memory.moments["time"][0] = time
-        known[:] = np.where(np.isfinite(applied), applied, known)
+        known[:] = np.where(np.abs(applied) <= LARGEST_INPUT, applied, known)
         back = np.arange(1.0 - len(memory.inputs), 1.0)
         memory.inputs[:, 0], memory.inputs[:, 1:] = time + back, back[:, None] * known
         readings = self._readings(0)

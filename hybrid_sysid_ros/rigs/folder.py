@@ -25,6 +25,7 @@ GROUP = "hybrid_sysid_ros.rigs"
 """Group of other packages' entry points; the value is a module, in whose folder the two files are."""
 HOME = Path(__file__).parent
 SYSTEM, VALUES = "system.py", "rig.yaml"
+LONGEST_NAME = 100  # characters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +84,11 @@ def systems_of(folder: RigFolder) -> tuple[System, dict[str, System]]:
 def check_name(path: Path) -> None:
     """Raise UserError where the name of a folder is not possible for a rig, or belongs to another rig."""
     folder = path.resolve()
-    if not (folder.name.isidentifier() and folder.name.isascii()):
-        raise UserError(f"{path}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
+    if not (folder.name.isidentifier() and folder.name.isascii() and len(folder.name) <= LONGEST_NAME):
+        raise UserError(
+            f"{path}: the folder's name is the rig's, in topics too: use letters of ASCII, digits and "
+            f"underscores, {LONGEST_NAME} at most, and begin with a letter"
+        )
     other = next((path for path in outside.chosen_paths() if path.name == folder.name and path != folder), None)
     if place := other or names().get(folder.name):
         raise UserError(f"{path}: a rig is called {folder.name} already, in {place}; give the folder another name")

@@ -30,7 +30,6 @@ BEYOND = 1e9
 
 MARGIN = 0.02
 """Share of the travel at each end that no reference reaches."""
-LONGEST_NAME = 100  # characters
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 
 
@@ -177,7 +176,7 @@ def name_in(content: Mapping[str, Any]) -> str:
     Raises UserError for a path.
     """
     name = content["rig"]
-    if not isinstance(name, str) or not name.isidentifier() or len(name) > LONGEST_NAME:
+    if not isinstance(name, str) or not name.isidentifier() or len(name) > folders.LONGEST_NAME:
         raise UserError(f"its rig is {name!r}: that is no rig's name")
     return name
 

@@ -47,9 +47,10 @@ def test_a_measurement_that_is_no_number_is_counted_and_predicted_over(running, 
     assert np.all(np.isfinite(estimate.covariance))
 
 
-def test_an_input_that_is_no_number_is_the_one_before(running):
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, -1e20])
+def test_an_input_that_no_rig_has_is_the_one_before(running, value):
     ours, _, t, _ = running
-    estimate = ours.update(t + PERIOD, np.array([0.0]), np.array([np.nan]))
+    estimate = ours.update(t + PERIOD, np.array([0.0]), np.array([value]))
     assert (ours.counters.unknown_inputs, ours.counters.invalid) == (1, 0)
     assert ours.counters.updates == 202
     assert abs(estimate.state[1]) < 1e-3

@@ -151,8 +151,9 @@ class Lagged(Recurrence):
         past = [list(x[k * kept : (k + 1) * kept]) for k in range(p)]
         for j, value in enumerate(u):
             begin = p * kept + j * (nu - 1)
-            past.append([clip(value, *bands[p + j]), *x[begin : begin + nu - 1]])
-        seen = [*(lags[: self.output_lags] for lags in past[:p]), *past[p:]]
+            past.append([value, *x[begin : begin + nu - 1]])
+        drives = [[clip(value, *band) for value in drive] for drive, band in zip(past[p:], bands[p:], strict=True)]
+        seen = [*(lags[: self.output_lags] for lags in past[:p]), *drives]
         r = [value / scale for values, scale in zip(seen, self.scales, strict=True) for value in values]
         following = [
             [clip(scale * value, *band), *lags[: kept - 1]]
@@ -179,8 +180,7 @@ class Lagged(Recurrence):
             for lag in range(kept):
                 yield measured[kept - 1 - lag :][:samples]
         for j in range(len(self.inputs)):
-            drive = np.clip(inputs[:, j], *self._band(p + j))
-            drive = np.concatenate([np.full(self.input_lags, drive[0]), drive[:-1]])
+            drive = np.concatenate([np.full(self.input_lags, inputs[0, j]), inputs[:-1, j]])
             for lag in range(1, self.input_lags):
                 yield drive[self.input_lags - lag :][:samples]
 

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +15,12 @@ from hybrid_sysid_ros.extensions.export.unit import daqp_source, folder, stack_u
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.replay import SPELL, recorded
 from hybrid_sysid_ros.extensions.export.unit.unit import affine_initial_states
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.errors import UserError
+from tests.model_samples import model_of
 
 FUZZED = 20_000
 """Calls; ``python -m benchmarks.loop_fuzz`` makes a million of each rig's loop."""
@@ -63,8 +67,9 @@ def test_the_network_is_not_asked_for_ever(tmp_path, monkeypatch):
         daqp_source.daqp()
 
 
-def test_initial_states_are_those_of_the_record_map():
-    system = beam()[1].system
+@pytest.mark.parametrize("structure", ["hybrid", "narx", "takagi_sugeno", "difnn", "state_space"])
+def test_initial_states_are_those_of_the_record_map(structure):
+    system = model_of(structure).system
     offset, by_outputs, by_inputs = affine_initial_states(system)
     y, u = np.array([0.3]), np.array([-1.0])
     states = system.record_map().states_from_record(y[None], np.zeros((1, 1)), u[None])[0]
@@ -122,6 +127,32 @@ def test_a_function_that_calls_itself_has_no_bound(tmp_path):
     (tmp_path / "more.ci").write_text(edge.format("unit.c:show", "step"))
     with pytest.raises(UserError, match="step calls itself: step -> show -> step"):
         stack_use.most_bytes(tmp_path, ["step"], constraints=9)
+
+
+@pytest.fixture(scope="module")
+def press() -> tuple[Rig, Model]:
+    """A rig of two inputs, of which one acts 12 ms later, and no reference of its own."""
+    rig = load_rig(str(Path(__file__).parents[4] / "tests" / "press"))
+    sampling = Sampling(step=0.005, period=0.05)
+    return rig, Model(
+        rig="press", structure="gray", system=rig.system, sampling=sampling, names=(), covariance=np.zeros((0, 0)),
+        training_range={},
+    )  # fmt: skip
+
+
+def test_a_loop_whose_inputs_wait_is_replayed_without_a_reference_of_the_rig(press):
+    rig, model = press
+    questions, answers = recorded(rig, loop_in_python(rig, model, {}), 200)
+    assert np.ptp([item.preview for item in questions]) > 0.0
+    assert np.ptp([item.inputs for item in answers], axis=0).min() > 0.0
+
+
+@pytest.mark.slow
+@needs_compiler
+def test_inputs_of_different_delays_wait_in_c_as_in_python(tmp_path, press):
+    rig, model = press
+    done = folder.export_loop(rig, model, tmp_path / "unit", settings={}, seal="s", periods=200, more=100)
+    assert max(done.differences["recorded"].values()) <= 1e-9
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.estimation.belief import (
 )
 from hybrid_sysid_ros.estimation.extended_kalman_filter import predict
 from hybrid_sysid_ros.estimation.initialisation import LONGEST_GAP
-from hybrid_sysid_ros.estimation.measurement_sequence import BEGIN, LOOK, LOST, MEASURE, ODD, filtered
+from hybrid_sysid_ros.estimation.measurement_sequence import BEGIN, LARGEST_INPUT, LOOK, LOST, MEASURE, ODD, filtered
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import PrintedLoop
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -35,7 +35,7 @@ def begin(loop: PrintedLoop, time: float) -> None:
     core.count = 1
     moments[0].time = time
     for j in range(m):
-        if math.isfinite(loop.applied[j]):
+        if abs(loop.applied[j]) <= LARGEST_INPUT:
             known[j] = loop.applied[j]
     for i in range(inputs.shape[0]):
         back = float(i + 1 - inputs.shape[0])

@@ -17,6 +17,14 @@ from hybrid_sysid_ros.control.mpc.linearisation import assign
 from hybrid_sysid_ros.control.safety import guarding
 from hybrid_sysid_ros.control.safety.governor import come_back, lead_from
 from hybrid_sysid_ros.control.safety.supervision import answer_supervised, begin_supervision, prepare_supervised
+from hybrid_sysid_ros.control.waiting_inputs import (
+    add_effect,
+    add_inputs,
+    due_inputs,
+    forget_inputs,
+    let_inputs_age,
+    planned_last,
+)
 from hybrid_sysid_ros.estimation.belief import copy, numbers_at
 from hybrid_sysid_ros.estimation.monitored_estimator import (
     DIVERGED,
@@ -178,6 +186,8 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
         assign(loop.instance.previous, loop.command)
         if loop.gains.shape[0] > 0:
             stabilise(loop, inputs)
+        elif loop.on_way is not None:
+            wait(loop, inputs)
         else:
             answer(loop)
             assign(inputs, loop.plan)
@@ -260,11 +270,26 @@ def stabilise(loop: PrintedLoop, inputs: Array) -> None:
         inputs[j] = held(loop, j, loop.plan[j])
 
 
+def wait(loop: PrintedLoop, inputs: Array) -> None:
+    """The command (m,) where inputs wait for slower ones, as :class:`.waiting_inputs.WaitingInputs`."""
+    instance, on_way = loop.instance, loop.on_way
+    n = len(instance.state)
+    for a in range(n):
+        instance.state[a] = loop.out[n + a]
+    add_effect(on_way, instance.disturbance, loop.command, instance.state)
+    planned_last(on_way, instance.previous)
+    answer(loop)
+    add_inputs(on_way, loop.plan)
+    due_inputs(on_way, loop.command, inputs)
+
+
 def look_forward(loop: PrintedLoop, elapsed: float) -> None:
     """Prepare for the next period, ``elapsed`` [s] after this one."""
     progress = loop.progress[0]
     if progress.status == RESTED:
         return
+    if loop.on_way is not None:
+        let_inputs_age(loop.on_way, elapsed)
     if loop.gains.shape[0] == 0:
         prepare(loop, elapsed)
         return
@@ -336,6 +361,8 @@ def forget_plan(loop: PrintedLoop) -> None:
     """Forget the last plan; the last command holds."""
     progress = loop.progress[0]
     progress.planned, progress.fresh = 0, 0
+    if loop.on_way is not None:
+        forget_inputs(loop.on_way)
     if loop.supervisor is None:
         calls.forget_plan(loop.mpc)
     else:

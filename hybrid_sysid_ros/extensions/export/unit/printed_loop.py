@@ -10,6 +10,7 @@ from hybrid_sysid_ros.control.mpc.calls import MpcMemory
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.safety.guarding import GuardMemory
 from hybrid_sysid_ros.control.safety.supervision import SupervisorMemory
+from hybrid_sysid_ros.control.waiting_inputs import InputsOnTheirWay
 from hybrid_sysid_ros.extensions.export.unit.records import SensorWatch
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -86,6 +87,8 @@ class PrintedLoop(NamedTuple):
     """(m,), lowest commands of a stabiliser."""
     high: Array
     """(m,)."""
+    on_way: InputsOnTheirWay | None
+    """Where inputs have different delays."""
     supervisor: SupervisorMemory | None
     guard: GuardMemory
     monitor: SensorWatch

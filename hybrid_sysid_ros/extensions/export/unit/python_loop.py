@@ -16,6 +16,7 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.control.safety.guard import Guard
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.control.waiting_inputs import InputsOnTheirWay, WaitingInputs
 from hybrid_sysid_ros.estimation import METHODS, ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
@@ -56,6 +57,11 @@ class PythonLoop:
     def controller(self) -> Controller:
         """What answers while nothing is in doubt."""
         return self.guarded.controller
+
+    @property
+    def on_way(self) -> InputsOnTheirWay | None:
+        """What waits where inputs have different delays."""
+        return self.controller.on_way if isinstance(self.controller, WaitingInputs) else None
 
     @property
     def command(self) -> Array:
@@ -131,7 +137,7 @@ def loop_in_python(
         )
     model = estimator_model(rig, model)
     made = controller_of(rig, model, given, network=network)
-    inner = made.controller.controller if isinstance(made.controller, Cascade) else made.controller
+    inner = made.controller.controller if isinstance(made.controller, Cascade | WaitingInputs) else made.controller
     mpc = made.supervisor.mpc if made.supervisor else inner
     if not isinstance(mpc, ExactMpc):
         raise UserError(f"export: a {type(inner).__name__} can't be printed as C; give the exact MPC or a supervisor")

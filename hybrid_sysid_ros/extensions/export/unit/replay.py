@@ -12,6 +12,8 @@ from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import defaults
+from hybrid_sysid_ros.runtime.references import signal_of
 from hybrid_sysid_ros.support.arrays import Array
 
 WILD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 1e6, -1e6)
@@ -48,10 +50,10 @@ class Stepped(Protocol):
 def recorded(
     rig: Rig, loop: PythonLoop, periods: int, *, seed: int = 0, faults: bool = False
 ) -> tuple[list[PeriodQuestion], list[PeriodAnswer]]:
-    """A loop in Python with the simulated rig, along the rig's first reference. faults: those of FAULTS happen."""
+    """A loop in Python with the simulated rig, along its default reference. faults: those of FAULTS happen."""
     plant, period = Plant(rig, seed=seed, bias=rig.bias), loop.estimator.period
     scales = np.array([display.scale for display in rig.display])
-    reference, lead = next(iter(rig.references.values())), loop.estimator.system.delay
+    reference, lead = signal_of(rig.reference, defaults(rig, "reference"), rig), loop.estimator.system.delay
     ahead: Array = lead + loop.controller.period * np.arange(1, loop.controller.horizon + 1, dtype=np.float64)
     questions, answers = [], []
     loop.reset()

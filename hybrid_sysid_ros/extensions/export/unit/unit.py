@@ -46,7 +46,7 @@ RECORDS += [
     (CALL, "call"),
     (SUPERVISION, "supervision"),
 ]
-OF_FLOATS = {"RISE": 1e-6, "DIFFERENCE": 3.5e-4, "VIOLATION": 1e-5, "INPUT_ROUNDING": 1e-6}
+OF_FLOATS = {"RISE": 1e-6, "DIFFERENCE": 3.5e-4, "VIOLATION": 1e-5, "INPUT_ROUNDING": 1e-6, "WAIT_ROUNDING": 1e-6}
 """Constants of kernels that the rounding of doubles chose, for that of floats, 1e-7; the second is its root."""
 EXCHANGE = """/* Let the other one of two estimates be the loop's: the second one tries sensors that were left out. */
 static void @{name}_exchange(@{name}_memory *unit)
@@ -68,11 +68,6 @@ def loop_of(rig: Rig, python: PythonLoop) -> PrintedLoop:
     python.reset()
     estimator, mpc, supervisor, guarded = python.estimator, python.mpc, python.supervisor, python.guarded
     system, memory, tuning = estimator.system, estimator._memory, estimator.tuning
-    stabilised = isinstance(mpc.system, Stabilised)
-    if not stabilised and np.ptp(mpc.system.input_delays):
-        raise UserError(
-            "export: inputs with different delays, of which some wait for others, can't be printed as C yet"
-        )
     if tuning.channels:
         raise UserError(f"export: channel {next(iter(tuning.channels))} of the estimator can't be printed as C yet")
     progress, stamps = np.zeros(1, PROGRESS), np.zeros(1, STAMPS)
@@ -108,6 +103,7 @@ def loop_of(rig: Rig, python: PythonLoop) -> PrintedLoop:
         gains=np.array(mpc.system.gains) if isinstance(mpc.system, Stabilised) else np.zeros((0, len(system.states))),
         low=np.array(rig.limits[0], dtype=float),
         high=np.array(rig.limits[1], dtype=float),
+        on_way=python.on_way,
         supervisor=None if supervisor is None else supervisor.compiled,
         guard=guard_records(guarded.guard.memory),
         monitor=watch_records(python.monitored),
@@ -219,6 +215,7 @@ def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Arra
     layout.add("horizon", loop.mpc.horizon)
     layout.add("program", loop.mpc.program)
     layout.add("call", loop.mpc.call)
+    layout.add("on_way", loop.on_way)
     if loop.supervisor is not None:
         layout.add("policy", loop.supervisor)
 
