@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout
 from hybrid_sysid_ros.extensions.export.unit.printing import Printer
 from hybrid_sysid_ros.extensions.export.unit.translator import Translator
-from hybrid_sysid_ros.extensions.export.unit.values import REAL, ArrayView, KnownValue, NumberValue, Origin
+from hybrid_sysid_ros.extensions.export.unit.values import INT, REAL, ArrayView, KnownValue, NumberValue, Origin
 from hybrid_sysid_ros.support.errors import UserError
 
 COMPILER = compiler.found() or ""
@@ -58,7 +58,7 @@ def translated(function, arguments):
     translator = Translator(MemoryLayout([]), "rig", "", {})
     made = translator.call(function, arguments)
     printer = Printer(translator)
-    return made, PRELUDE + printer.structures() + printer.functions().replace(
+    return made, PRELUDE + printer.structures() + printer.tables() + printer.functions().replace(
         f"static int {made.name}(", f"int {made.name}("
     )
 
@@ -95,6 +95,18 @@ def test_an_array_without_elements_is_never_read(tmp_path):
     (tmp_path / "unit.c").write_text(text)
     subprocess.run([COMPILER, "-Wall", "-Wno-unused-function", "-Werror", "-c", "unit.c"], cwd=tmp_path, check=True)
     assert "for (int i = 0; i < 3; i++) {\n        out[i] = i < 3 ? x[i] : 0;" in text
+
+
+def test_an_array_that_a_function_encloses_is_a_constant_in_c():
+    """As the exponents of a polynomial; it is no part of the loop's memory."""
+    order = np.array([2, 0])
+
+    def kernel(x, k):
+        return x[order[k]]
+
+    _, text = translated(kernel, [ArrayView(REAL, (3,), "", Origin("x")), NumberValue(INT, "k")])
+    assert "static const int rig_constant_0[2] = {\n    2, 0\n};" in text
+    assert "x[rig_constant_0[k]]" in text
 
 
 def test_what_can_t_be_translated_is_named():

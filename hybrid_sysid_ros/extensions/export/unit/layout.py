@@ -68,12 +68,12 @@ class MemoryLayout:
         return member in self.mutable.get(self.record(kind), ())
 
     def view(self, array: Array) -> ArrayView:
-        """An array, or a part of one, in C."""
+        """An array, or a part of one, in C. One that is not the loop's is a constant of a function, as of a block."""
         root, kind = _root(array), element(array.dtype)
         if not array.size:
             return ArrayView(kind, array.shape, "0", Origin("nothing"), live=array)
         if root.ctypes.data not in self._names:
-            raise cannot(f"an array {array.shape} without a name", "the loop")
+            self.add(f"constant_{len(self.arrays)}", root)
         name = self._names[root.ctypes.data]
         self.used.add(name)
         first = (array.ctypes.data - root.ctypes.data) // root.itemsize
