@@ -56,6 +56,16 @@ def test_a_failed_folder_leaves_the_old_one(tmp_path):
     assert names(tmp_path) == ["model"]
 
 
+@pytest.mark.parametrize("stop", [ZeroDivisionError, KeyboardInterrupt])
+def test_what_fails_leaves_no_folders_that_were_made_for_it(tmp_path, stop):
+    (tmp_path / "old").mkdir()
+    for write in (written_file(tmp_path / "old/new/x"), written_folder(tmp_path / "old/new/y/z", marker="m")):
+        with pytest.raises(stop), write:
+            raise stop
+    assert names(tmp_path) == ["old"]
+    assert not names(tmp_path / "old")
+
+
 def test_the_old_folder_returns_when_the_new_one_cannot_take_its_place(tmp_path):
     path = tmp_path / "model"
     path.mkdir()

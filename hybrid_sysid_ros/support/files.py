@@ -74,8 +74,11 @@ def written_folder(
 
 @contextmanager
 def room_beside(target: Path) -> Iterator[Path]:
-    """Yield a free path with the target's name inside a temporary folder next to it, and remove that folder at exit."""
+    """Yield a free path with the target's name inside a temporary folder next to it, and remove that folder at exit,
+    with the parents that were made for it where nothing came into them.
+    """
     container: Path | None = None
+    made = [parent for parent in target.parents if not os.path.exists(parent)]
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         container = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
@@ -87,6 +90,9 @@ def room_beside(target: Path) -> Iterator[Path]:
     finally:
         if container is not None:
             shutil.rmtree(container, ignore_errors=True)
+        with suppress(OSError):  # one is not empty, or was never made
+            for parent in made:
+                parent.rmdir()
 
 
 def take_place(partial: Path, target: Path, *, old: Path) -> bool:
