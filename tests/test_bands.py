@@ -16,8 +16,10 @@ from hybrid_sysid_ros.identification.validation.bands import (
     Uncertainty,
     _drawn,
     _moved_by,
+    band_calibration,
     bands_of,
     correlation_time,
+    freedom_of,
     widening_of,
 )
 from hybrid_sysid_ros.identification.validation.left_out import free_run_of, left_out
@@ -90,6 +92,26 @@ def test_errors_that_remember_are_few():
     memory = 0.9
     errors = lfilter([1.0], [1.0, -memory], np.random.default_rng(0).normal(size=100000))
     assert correlation_time([errors]) == pytest.approx((1 + memory) / (1 - memory), rel=0.15)
+
+
+def test_parameters_explain_no_more_than_the_errors_that_are_met():
+    record = level(noise=0.01)
+    experiment = prepare(record, Integrator(), SAMPLING)
+    known = Uncertainty(names=("gain",), covariance=np.array([[0.5**2]]), spans=np.array([4.0]))
+    first = np.array([experiment.states[0, 0]])
+    run = free_run_of(Integrator(), experiment, first)
+    drawn = _drawn(Integrator(), experiment, known, first, run)
+    noted = band_calibration(Integrator(), [experiment], known, [])["outputs"]["level"]
+    assert noted["drawn"] * np.mean(drawn) == pytest.approx(noted["floor"] ** 2, rel=0.05)
+    assert noted["drawn"] < 0.01
+
+
+def test_mean_squares_that_differ_have_the_freedom_of_their_chi_square():
+    """That of n white errors has n degrees of freedom; blocks that are alike have many."""
+    random = np.random.default_rng(0)
+    assert freedom_of(list(random.normal(size=(20000, 8)))) == pytest.approx(8.0, rel=0.1)
+    assert freedom_of(4 * [np.ones(10)]) > 1e12
+    assert freedom_of([np.ones(10)]) == 0.0
 
 
 def test_bands_of_few_errors_to_which_numbers_were_fitted_are_wider():

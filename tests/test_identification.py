@@ -1,6 +1,8 @@
 """Identification: known parameters come back."""
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from scipy.optimize import least_squares
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
-from hybrid_sysid_ros.identification.fitting import fit
+from hybrid_sysid_ros.identification.fitting import _kept, fit
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
 from hybrid_sysid_ros.identification.problem import FitProblem as IdentificationProblem
 from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR
@@ -281,3 +283,15 @@ def test_a_hybrid_has_the_errors_of_its_own_numbers(linear_bench, rig):
     # Held physics have the errors with which they were fitted.
     for name, error in gray.standard_errors.items():
         assert frozen.standard_errors[name] == pytest.approx(error, rel=1e-6), name
+
+
+def test_a_network_that_short_rollouts_spoilt_begins_again():
+    """Errors over whole records: 2 at the start, 3 or 1 at what was found."""
+    start = np.array([2.0])
+    problem: Any = SimpleNamespace(
+        system=SimpleNamespace(weights=start), start=start, residuals=lambda horizon: lambda point: point
+    )
+    assert [point[0] for point in _kept(problem, [np.array([3.0])], None)] == [3.0, 2.0]
+    assert [point[0] for point in _kept(problem, [np.array([1.0])], None)] == [1.0]
+    problem.system.weights = np.zeros(0)
+    assert len(_kept(problem, [np.array([3.0])], None)) == 1

@@ -15,7 +15,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.trust import adapting, bands, designs, importing, intervals, records, state_spaces
+from benchmarks.trust import adapting, bands, designs, foreign, importing, intervals, records, state_spaces
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from studies.beam_lecture.lecture import DATA
 
@@ -25,6 +25,7 @@ PARTS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "check": records.measured,
     "intervals": intervals.measured,
     "bands": bands.measured,
+    "foreign": foreign.measured,
     "adapt": adapting.measured,
     "design": designs.measured,
     "state_space": state_spaces.measured,
@@ -64,6 +65,11 @@ def rows(found: Mapping[str, Any]) -> list[tuple[str, float, str, bool]]:
         made.append(("time of bands [free runs]", part["free_runs"], f"<= {limit:g}", part["free_runs"] <= limit))
     elif "bands" in found:
         made.append(("samples in 90 % bands", math.nan, f"needs {DATA}", False))
+    for name, held in found.get("foreign", {}).get("held_90", {}).items():
+        low, high = foreign.WITHIN
+        made.append((f"foreign samples in bands, {name}", held, f"{low:g} to {high:g}", low <= held <= high))
+        least = found["foreign"]["least"][name]
+        made.append((f"of the worst foreign record, {name}", least, f">= {foreign.LEAST:g}", least >= foreign.LEAST))
     if part := found.get("adapt"):
         most, near = adapting.MOST_LOST, adapting.NEAR
         made.append(("R2 lost by --adapt", part["lost"], f"<= {most:g}", part["lost"] <= most))
@@ -120,6 +126,9 @@ def main() -> int:
     for name, rows_of in found.get("bands", {}).get("records", {}).items():
         shown = (f"{key} {row['held_90']:.2f} ({1e3 * row['mean_error']:.1f} mm)" for key, row in rows_of.items())
         console.print(f"held of {name}, and mean error: {', '.join(shown)}")
+    for name, rows_of in found.get("foreign", {}).get("records", {}).items():
+        shown = (f"{key} {row['held_90']:.2f} (R2 {row['r2']:.2f}, {row['width']:.2f})" for key, row in rows_of.items())
+        console.print(f"held of foreign records, {name}, and width in the narrowest: {', '.join(shown)}")
     for name, words in found.get("check", {}).get("accused", {}).items():
         console.print(f"accused: {name}: {words}")
     short = [name for name, *_, reached in made if not reached]

@@ -298,6 +298,12 @@ class Recurrence(System):
     def sampling_time(self) -> float:
         return self.period
 
+    def fitted_again(self, records: Sequence[tuple[Array, Array]], iterations: int) -> System | None:
+        """The map after some more iterations of a fit to other records, each inputs (samples, inputs) and outputs
+        (samples, outputs); None where no fit can go on.
+        """
+        return None
+
     def record_map(self) -> RecordMap:
         """Every state is an output or the record's past."""
         return replace(super().record_map(), delay_line=range(len(self.states)), unobserved=())

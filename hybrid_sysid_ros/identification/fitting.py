@@ -130,7 +130,7 @@ def fit(
     with ThreadPoolExecutor(max_workers=threads.available()) as pool, threadpool_limits(1):
         for horizon in stages:
             problem.carry(points[0], horizon)
-            points = [problem.with_hidden_starts(point, horizon) for point in points]
+            points = [problem.with_hidden_starts(point, horizon) for point in _kept(problem, points, horizon)]
             physical = horizon == stages[-1] and not len(system.weights)
             limits = tolerance or (FINE if physical else COARSE), iterations
             solutions = [_solve(problem, horizon, point, limits, pool.map) for point in points]
@@ -150,6 +150,17 @@ def fit(
         raise UserError("identification: every simulation diverges; start from a simpler structure or a smaller step")
     seconds, evaluations = time.perf_counter() - began, problem.evaluations
     return _with_errors(problem, stages[-1], solution, spread, anchor, seconds=seconds, evaluations=evaluations)
+
+
+def _kept(problem: FitProblem, points: list[Array], horizon: int | None) -> list[Array]:
+    """Points to go on from, and the start where a network that shorter rollouts taught makes longer ones worse: small
+    errors of rates that no rollout integrates for long may move a slow state anywhere.
+    """
+    residuals = problem.residuals(horizon)
+    worse = len(problem.system.weights) and np.linalg.norm(residuals(problem.start)) < min(
+        float(np.linalg.norm(residuals(point))) for point in points
+    )
+    return [*points, problem.start] if worse else points
 
 
 def _reweighted(problem: FitProblem, horizon: int | None, solution: Any, limits: tuple[float, int], run: Map) -> Any:

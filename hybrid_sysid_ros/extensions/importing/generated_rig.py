@@ -32,6 +32,10 @@ what integrates moves slowly, and answers fast.
 """
 NOISE = 6.0
 """Power of a line that passes for noise, in the median of the fastest lines."""
+STABLE = 2.0
+"""Largest rate of decay, over a step: from 2.8 on Runge & Kutta's method diverges, so that a lag of first order, for
+which a fit makes this rate as large as it can, would end where a network beside it diverges.
+"""
 PER_PERIOD, FEWEST = 20.0, 300
 """Steps of a fit in a period of that frequency, and fewest steps in the record."""
 FARTHEST = 1000.0
@@ -206,8 +210,9 @@ def _system_text(
             _field(f"{own}damping", damping, damping / FARTHEST, FARTHEST * damping, "1", "Damping ratio."),
         ]
         pull = " + ".join([*terms, f"self.{own}offset"])
-        slow = f"2.0 * self.{own}damping * self.{own}time_constant * {item.name}_rate"
-        rates += [f"{item.name}_rate", f"({pull} - {item.name} - {slow}) / self.{own}time_constant**2"]
+        decay = f"clip(2.0 * self.{own}damping / self.{own}time_constant, 0.0, FASTEST)"
+        pulled = f"({pull} - {item.name}) / self.{own}time_constant**2"
+        rates += [f"{item.name}_rate", f"{pulled} - {decay} * {item.name}_rate"]
     dead = {f"{u.name}_delay": (u, delay * period) for u, delay in zip(inputs, delays, strict=True) if delay}
     fields += [
         _field(field, seconds, 0.0, 3.0 * seconds, "s", f"By which {u.name} acts later.")
@@ -223,6 +228,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
+from hybrid_sysid_ros.core.mathematics import clip
+
+FASTEST = {STABLE / step:.3g}
+"""Largest rate of decay [1/s] that the step of fits simulates stably."""
 
 
 @dataclass(frozen=True, kw_only=True)

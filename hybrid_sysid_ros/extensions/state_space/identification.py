@@ -14,7 +14,7 @@ from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.extensions.state_space import subspace
 from hybrid_sysid_ros.extensions.state_space.order_selection import Selection, comparable, rows_for, select_order
 from hybrid_sysid_ros.extensions.state_space.periods import spectrum_of
-from hybrid_sysid_ros.extensions.state_space.refinement import Refined, refine, unit_states, weights_of
+from hybrid_sysid_ros.extensions.state_space.refinement import Refined, refine, unit_states, weights_of, without_last
 from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
 from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
@@ -23,6 +23,12 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.threads import alone
 
 Progress = Callable[[str, int, float], None]
+ANSWER = 0.1
+"""Prior deviation of what an output moves, in its deviation, after an input that moves by its own for one sample: a
+record has tens of samples in the time in which a system answers.
+"""
+CALM = 500
+"""Samples over which a model is asked to rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +68,12 @@ def identify_state_space(
         stretches, scales = _scaled(records)
         selection = _selected(stretches, settings, records[0].sampling.initial_samples, tell)
         start = _start(stretches, selection)
-        linear = Sizes(states=selection.order, inputs=len(inputs), outputs=len(outputs))
-        best = _refined(weights_of(start, linear), linear, stretches, selection, settings, "linear", tell)
+        order = selection.order
+        linear = Sizes(states=order, inputs=len(inputs), outputs=len(outputs))
+        errors = [_mean_square(start, stretches), *(item.error**2 for item in selection.trials if item.order == order)]
+        calmed = [*stretches, _calm(start.level, min(errors), len(inputs))]
+        best = _refined(weights_of(start, linear), linear, calmed, selection, settings, "linear", tell)
+        best = without_last(best, linear, stretches)
         count, sizes = best.evaluations, linear
         if settings.units:
             sizes = replace(linear, units=settings.units, power=settings.power)
@@ -80,7 +90,7 @@ def identify_state_space(
         period=period,
         outputs=outputs,
         inputs=inputs,
-        order=selection.order,
+        order=order,
         units=sizes.units,
         power=sizes.power,
         scales=scales,
@@ -149,8 +159,41 @@ def _start(stretches: Sequence[subspace.Stretch], selection: Selection) -> subsp
     for factor in factors:
         a, c = subspace.poles_and_readout(subspace.observability(factor, rows, m, p)[0], selection.order, p)
         models.append(subspace.completed(a, c, stretches, selection.through))
-    squares = [sum(float(np.sum(subspace.residuals(model, *item) ** 2)) for item in stretches) for model in models]
-    return models[int(np.argmin(squares))]
+    return min(models, key=lambda model: _mean_square(model, stretches))
+
+
+def _calm(level: Array, mean_square: float, inputs: int) -> subspace.Stretch:
+    """A little noise of the inputs, over which outputs rest at a level (outputs,).
+
+    It adds sigma^2 |h|^2 / ANSWER^2 to the squared errors, with h the impulse responses and sigma^2 the mean squared
+    error: the prior h ~ N(0, ANSWER^2), which keeps small what the records do not excite, such as modes that answer to
+    jumps alone (training with noise: Bishop 1995, Neural Computation 7(1)).
+    """
+    noise = np.random.default_rng(0).normal(size=(CALM, inputs))
+    return np.sqrt(mean_square / CALM) / ANSWER * noise, np.tile(level, (CALM, 1))
+
+
+def _mean_square(model: subspace.Matrices, stretches: Sequence[subspace.Stretch]) -> float:
+    """Mean squared error of a model's simulations."""
+    return float(np.mean(np.concatenate([subspace.residuals(model, *item).ravel() for item in stretches]) ** 2))
+
+
+def fitted_again(system: StateSpace, records: Sequence[subspace.Stretch], iterations: int) -> StateSpace:
+    """A model after some more iterations, of a fit to other stretches of its inputs and outputs; the model itself where
+    it is stable and they would end it unstable, as few samples take a slow drift for a pole.
+    """
+    p, m = len(system.outputs), len(system.inputs)
+    sizes = Sizes(states=system.order, inputs=m, outputs=p, units=system.units, power=system.power)
+    means, scales = np.split(np.array(system.scales), 2)
+    stretches = [((u - means[p:]) / scales[p:], (y - means[:p]) / scales[:p]) for u, y in records]
+    weights, firsts = unit_states(system.weights, sizes, stretches, None)
+    level = weights[sizes.readout_at :].reshape(p, sizes.wide)[:, -1]
+    given: dict[str, Any] = {"through": bool(np.any(system.matrices()[3])), "ridge": StateSpaceSettings.ridge}
+    met = refine(weights, sizes, stretches, **given, iterations=1, firsts=firsts).mean_square
+    calm = _calm(level, met, m)
+    found = refine(weights, sizes, [*stretches, calm], **given, iterations=iterations)
+    other = system.with_weights(found.weights)
+    return other if other.radius <= max(1.0, system.radius) else system
 
 
 def _refined(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -139,6 +139,14 @@ def simulated(weights: Array, sizes: Sizes, inputs: Array, first: Array) -> Arra
     simulate_states(weights, sizes.numbers, inputs, first.copy(), states)
     output = weights[sizes.readout_at :].reshape(sizes.outputs, sizes.wide)
     return np.asarray(np.column_stack([states, inputs]) @ output[:, :-1].T + output[:, -1])
+
+
+def without_last(found: Refined, sizes: Sizes, stretches: Sequence[Stretch]) -> Refined:
+    """A refinement as that of these stretches alone, which were followed by one more."""
+    pairs = zip(stretches, found.firsts, strict=False)
+    errors = [simulated(found.weights, sizes, inputs, first) - outputs for (inputs, outputs), first in pairs]
+    square = float(np.mean(np.concatenate(errors) ** 2))
+    return replace(found, firsts=found.firsts[: len(stretches)], mean_square=square)
 
 
 def unit_states(

@@ -127,6 +127,11 @@ class StateSpace(Recurrence):
         pairs = zip(found, self.scales[:p], self.scales[count : count + p], strict=True)
         return [mean + scale * value for value, mean, scale in pairs]
 
+    def fitted_again(self, records: Sequence[tuple[Array, Array]], iterations: int) -> StateSpace:
+        from hybrid_sysid_ros.extensions.state_space.identification import fitted_again
+
+        return fitted_again(self, records, iterations)
+
     def record_map(self) -> RecordMap:
         """No state is measured: all initial values are estimated from a record's first samples."""
 
@@ -148,3 +153,8 @@ class StateSpace(Recurrence):
         state = self.weights[: n * wide].reshape(n, wide)
         output = self.weights[self.transition.size :].reshape(len(self.outputs), wide)
         return state[:, :n], state[:, n:-1], output[:, :n], output[:, n:-1]
+
+    @property
+    def radius(self) -> float:
+        """Magnitude of the largest pole of the linear part."""
+        return float(np.abs(np.linalg.eigvals(self.matrices()[0])).max())

@@ -1,11 +1,12 @@
 """Bands: how far a measurement is from a free run, by what parameters, inputs and noise leave open.
 
-A run's deviation at each sample is s^2 = (growth floor)^2 + s_parameters^2: s_parameters from runs with parameters
-drawn from their covariance, floor the root mean square of the errors of training records that were left out of the fit
-(:mod:`.left_out`). What a law does not say grows with the motion: growth is the excursion of the run, its root mean
-square about the training's mean, in the largest of a training record, and at least 1. A band of level p is as many
-deviations wide as hold a share p of these errors, and wider by Student's factor t(n) / z of 90 % for n independent
-errors, whose records' offsets count.
+A run's deviation at each sample is s^2 = (growth floor)^2 + share s_parameters^2: s_parameters from runs with
+parameters drawn from their covariance, floor the root mean square of the errors of training records that were left out
+of the fit (:mod:`.left_out`). Parameters are among what makes these, so that share s_parameters^2 is at most floor^2
+over training. What a law does not say grows with the motion: growth is the excursion of the run, its root mean square
+about the training's mean, in the largest of a training record, and at least 1. A band of level p is as many deviations
+wide as hold a share p of these errors, and wider by Student's factor t(n) / z of 90 %, with n by how much the errors of
+one block are larger than those of another (:func:`freedom_of`).
 
 Where no record can be left out, the training errors take their place. Those of n independent stretches to which p
 numbers were fitted are smaller than those to come, and a band is wider by sqrt(n / (n - p) (1 + p / n)), too.
@@ -88,35 +89,32 @@ def band_calibration(
     if not all(np.isfinite(run).all() for run in runs):
         return {}
     fitted = [(item.outputs - run)[item.scored] for item, run in zip(experiments, runs, strict=True)]
-    signed, used = fitted, known.effective
-    if blocks:
-        apart, used = [run.copy() for run in runs], 0.0
-        for block in blocks:
-            apart[block.record][block.samples] = free_run_of(block.system, experiments[block.record])[block.samples]
-        pairs = zip(experiments, apart, strict=True)
-        signed = [bounded_errors(item.outputs - run, item.outputs)[item.scored] for item, run in pairs]
+    signed = [_errors_of(block, experiments[block.record]) for block in blocks] or fitted
     given = list(zip(experiments, firsts, runs, strict=True))
     drawn = np.concatenate([_drawn(system, item, known, *of)[item.scored] for item, *of in given])
     offsets = OFFSET * known.spans
     moved = np.concatenate([_moved_by(system, item, offsets, *of)[item.scored] for item, *of in given])
-    shares, found = [], dict[str, Any]()
+    offset, found = [], dict[str, Any]()
     for column, item in enumerate(system.outputs):
-        own = np.concatenate([part[:, column] for part in signed])
-        floor = max(float(np.sqrt(np.mean(own**2))), 1e-300)
+        own = [part[:, column] for part in signed]
+        together = np.concatenate(own)
+        floor = max(float(np.sqrt(np.mean(together**2))), 1e-300)
+        share = min(1.0, floor**2 / max(float(np.mean(drawn[:, column])), 1e-300))
         outputs = [record.outputs[record.scored, column] for record in experiments]
         centre = float(np.mean(np.concatenate(outputs)))
         excursion = float(max(excursion_of(part, centre) for part in outputs))
-        ratios = np.abs(own) / np.sqrt(floor**2 + drawn[:, column])
-        wider = widening_of([part[:, column] for part in signed], used)
-        shares.append(OFFSET * floor / max(float(np.sqrt(np.mean(moved[:, column]))), 1e-300))
+        ratios = np.abs(together) / np.sqrt(floor**2 + share * drawn[:, column])
+        wider = student_factor(freedom_of(own)) if blocks else widening_of(own, known.effective)
+        offset.append(OFFSET * floor / max(float(np.sqrt(np.mean(moved[:, column]))), 1e-300))
         found[item.name] = {
             "floor": floor,
             "centre": centre,
             "excursion": excursion,
+            "drawn": share,
             "widths": {f"{level:g}": wider * float(np.quantile(ratios, level)) for level in LEVELS},
             "correlation": correlation_time([part[:, column] for part in fitted]),
         }
-    return {"offset": float(np.clip(np.median(shares), *OFFSETS)), "outputs": found}
+    return {"offset": float(np.clip(np.median(offset), *OFFSETS)), "outputs": found}
 
 
 def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
@@ -133,7 +131,8 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     own = [calibration["outputs"][item.name] for item in system.outputs]
     floor, centre, excursion = (np.array([float(item[key]) for item in own]) for key in FLOOR)
     growth = np.maximum(excursion_of(run, centre) / excursion, 1.0)
-    deviation = np.sqrt((growth * floor) ** 2 + drawn)
+    share = np.array([float(item.get("drawn", 1.0)) for item in own])  # an older model does not say it
+    deviation = np.sqrt((growth * floor) ** 2 + share * drawn)
     widths = [np.array([float(item["widths"][f"{level:g}"]) for item in own]) for level in LEVELS]
     return [Band(level=level, run=run, half=deviation * width) for level, width in zip(LEVELS, widths, strict=True)]
 
@@ -148,6 +147,19 @@ def uncertainty_of(model: Model) -> Uncertainty:
 def excursion_of(values: Array, centre: Array | float) -> Any:
     """Root mean square about a centre (outputs,) of values (samples, outputs), which may be columns alone."""
     return np.sqrt(np.mean((values - centre) ** 2, axis=0))
+
+
+def freedom_of(blocks: Sequence[Array]) -> float:
+    """Degrees of freedom of the mean square of errors (samples,) in blocks, by how the blocks differ.
+
+    n = 2 m^2 / v, with m the mean and v the variance of their mean squares, as of m times a chi-square over n:
+    Satterthwaite (1946), Biometrics Bulletin 2(6). Errors of another record are larger or smaller as those of another
+    block are, so that over records they are Student's t(n).
+    """
+    squares = [float(np.mean(block**2)) for block in blocks if len(block)]
+    if len(squares) < 2:
+        return 0.0
+    return 2.0 * float(np.mean(squares)) ** 2 / max(float(np.var(squares, ddof=1)), 1e-300)
 
 
 def widening_of(errors: Sequence[Array], effective: float) -> float:
@@ -174,6 +186,12 @@ def correlation_time(parts: Sequence[Array], *, centred: bool = True) -> float:
     times = 2.0 * np.cumsum(sums / max(float(sums[0]), 1e-300)) - 1.0
     enough = np.flatnonzero(np.arange(longest) >= WINDOW * times)
     return float(np.clip(times[enough[0]] if len(enough) else times[-1], 1.0, longest))
+
+
+def _errors_of(block: LeftOut, experiment: PreparedRecord) -> Array:
+    """Errors (samples, outputs) of a record's free run, at the scored samples of a block that was left out."""
+    errors = bounded_errors(experiment.outputs - free_run_of(block.system, experiment), experiment.outputs)
+    return np.asarray(errors[block.samples][experiment.scored[block.samples]])
 
 
 def _drawn(system: System, experiment: PreparedRecord, known: Uncertainty, first: Array, run: Array) -> Array:

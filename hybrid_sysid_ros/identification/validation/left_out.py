@@ -46,8 +46,10 @@ def left_out(
 
     deviations: of the fitted parameters, of which each stays within ANCHOR. ridge: see :class:`~.problem.FitProblem`.
     """
+    if isinstance(system, Recurrence):
+        return _left_out_of_map(system, experiments)
     free = [item for item in system.parameters if item.name in deviations and not item.fixed]
-    if isinstance(system, Recurrence) or not (free or len(system.weights)):
+    if not (free or len(system.weights)):
         return []
     problem = FitProblem(
         system,
@@ -57,16 +59,35 @@ def left_out(
         ridge=ridge,
         hold=[item.name for item in system.parameters if item.name not in deviations],
     )
-    pieces, outputs, found = -(-BLOCKS // len(experiments)), len(system.outputs), []
+    outputs, found = len(system.outputs), []
     with ThreadPoolExecutor(max_workers=threads.available()) as pool, threadpool_limits(1):
         for index, (item, edge) in enumerate(zip(experiments, problem.edges(None), strict=False)):
             begin = edge // outputs - problem.lead
-            for first, last in pairwise(np.linspace(problem.lead, item.samples, pieces + 1).astype(int).tolist()):
+            for first, last in _cuts(problem.lead, item.samples, len(experiments)):
                 problem.without = slice((begin + first) * outputs, (begin + last) * outputs)
                 fitted = problem.with_point(_solve(problem, None, problem.start, (COARSE, ITERATIONS), pool.map).x)
                 samples = slice(0 if first == problem.lead else first, last)
                 found.append(LeftOut(record=index, samples=samples, system=fitted))
     return found
+
+
+def _left_out_of_map(system: Recurrence, experiments: Sequence[PreparedRecord]) -> list[LeftOut]:
+    """The same of a map from sample to sample, where it can go on with its fit."""
+    found = []
+    for index, item in enumerate(experiments):
+        for first, last in _cuts(0, item.samples, len(experiments)):
+            rest = [(each.inputs, each.outputs[: len(each.inputs)]) for k, each in enumerate(experiments) if k != index]
+            rest += [(item.inputs[part], item.outputs[part]) for part in (slice(first), slice(last, len(item.inputs)))]
+            fitted = system.fitted_again([part for part in rest if len(part[0]) > ITERATIONS], ITERATIONS)
+            if fitted is None:
+                return []
+            found.append(LeftOut(record=index, samples=slice(first, last), system=fitted))
+    return found
+
+
+def _cuts(first: int, last: int, records: int) -> list[tuple[int, int]]:
+    """First and last sample of each block of a record, of which there are some."""
+    return list(pairwise(np.linspace(first, last, -(-BLOCKS // records) + 1).astype(int).tolist()))
 
 
 def free_run_of(system: System, experiment: PreparedRecord, first: Array | None = None) -> Array:

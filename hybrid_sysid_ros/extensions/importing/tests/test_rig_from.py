@@ -10,6 +10,7 @@ from scipy.signal import cont2discrete
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.core import simulate
 from tests.command_line import refused
 
 GAIN, OFFSET, PERIODS, DAMPING = 2.0, 0.5, 12.5, 0.3
@@ -59,6 +60,17 @@ def test_the_equation_is_found_at_any_time_scale(program, tmp_path, monkeypatch,
     assert model.parameters["offset"] == pytest.approx(OFFSET, abs=2e-3)
     assert model.parameters["time_constant"] == pytest.approx(PERIODS * period, rel=2e-3)
     assert model.parameters["damping"] == pytest.approx(DAMPING, abs=2e-3)
+
+
+def test_its_equation_is_simulated_stably_however_fast_it_decays(program, tmp_path, monkeypatch):
+    """Towards a lag of first order, the damping of which has no end."""
+    monkeypatch.chdir(tmp_path)
+    file = written(tmp_path / "log.csv", 0.02, "time,heater,temperature")
+    assert program("rig", "from", file, "./lag")[0] == 0
+    rig = hs.load_rig("./lag")
+    stiff = rig.system.with_values([*rig.system.values[:-1], rig.system.parameters[-1].high])
+    states = simulate(stiff, np.array([1.0, 0.0]), np.zeros((2000, 1)), step=rig.step)
+    assert np.abs(states).max() < 10.0
 
 
 @pytest.mark.parametrize("dead", [0, 40])

@@ -1,5 +1,6 @@
 """State spaces: every form agrees, derivatives are exact, and known systems come back."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from hybrid_sysid_ros.extensions.state_space.subspace import (
 )
 from hybrid_sysid_ros.extensions.state_space.tests.systems import state_space
 from hybrid_sysid_ros.identification import free_run, score
+from hybrid_sysid_ros.identification.validation.left_out import free_run_of, left_out
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.models.structure import structure_of
@@ -152,6 +154,38 @@ def test_a_fit_needs_only_inputs_and_outputs_and_predicts_unseen_records():
     assert score(truth[:, 0], free_run(system, prepared(unseen, truth))[:, 0]).r2 > 0.999
     poles: Any = np.sort_complex(np.linalg.eigvals(system.matrices()[0]))
     np.testing.assert_allclose(poles, POLES, atol=0.01)
+
+
+def smooth_and_steps(order, samples=1500):
+    """A lag of two states under a multisine up to a fortieth of the sampling rate, with noise, and under jumps."""
+    random, times = np.random.default_rng(0), np.arange(samples)
+    hertz = np.geomspace(0.002, 0.025, 20)
+    smooth = np.sin(2 * np.pi * (np.outer(times, hertz) + random.uniform(size=20))).sum(axis=1, keepdims=True)
+    jumps = np.repeat(random.uniform(-5, 5, samples // 30), 30)[:, None]
+    law = np.array([[0.95, 0.1], [-0.1, 0.9]]), np.array([[0.0], [0.1]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)), 1.0
+    answers = [dlsim(law, inputs)[1] for inputs in (smooth, jumps)]
+    noise = 0.05 * answers[0].std() * random.normal(size=(samples, 1))
+    pairs = ((smooth, answers[0] + noise), (jumps, answers[1]))
+    return tuple(replace(prepared(*pair), states=np.zeros((samples, order))) for pair in pairs)
+
+
+def test_what_no_record_excites_stays_small_in_a_model_of_too_high_an_order():
+    (y,), (u,) = ((Variable(name=name, unit="V"),) for name in "yu")
+    record, unseen = smooth_and_steps(8)
+    system = identify_state_space([record], (y,), (u,), StateSpaceSettings(order=8)).system
+    assert score(unseen.outputs[:, 0], free_run(system, unseen)[:, 0]).r2 > 0.99
+
+
+def test_a_block_is_left_out_of_a_fit_that_goes_on_without_it():
+    (y,), (u,) = ((Variable(name=name, unit="V"),) for name in "yu")
+    record, _ = smooth_and_steps(2)
+    broken = replace(record, outputs=record.outputs.copy())
+    broken.outputs[400:700] *= 2.0
+    system = identify_state_space([broken], (y,), (u,), StateSpaceSettings(order=2)).system
+    blocks = left_out(system, [broken], {}, 1.0)
+    assert [block.samples for block in blocks] == [slice(k, k + 375) for k in range(0, 1500, 375)]
+    gains = [score(record.outputs, free_run_of(block.system, record)).r2 for block in blocks]
+    assert np.argmax(gains) == 1  # most of what is broken
 
 
 def test_a_band_limited_input_is_read_when_the_outputs_are():
