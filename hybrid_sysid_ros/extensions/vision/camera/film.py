@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -19,6 +20,8 @@ SUFFIXES = (".mp4", ".mov", ".mkv")
 TICKS = 90_000  # of a film's time in a second
 CRF = 18  # of H.264, 0 (lossless) to 51
 LARGEST = 8192  # pixels along a side
+CAPTURED, SLOWED = "com.android.capture.fps", 1.5
+"""What a phone writes of slow motion, and times as slow that it is played at least; missing pictures make less."""
 MISSING = 3.0  # of the longest times between its pictures, before the end that a film's head says, is a cut
 
 
@@ -50,7 +53,7 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
     """Time [s] and grey picture (rows, columns) of each frame, upright and with square pixels, in the order of their
     times.
 
-    Raises UserError where the file is no film, is interlaced, cut or damaged.
+    Raises UserError where the file is no film, is interlaced, in slow motion, cut or damaged.
     """
     with extra("video"):
         import av
@@ -125,6 +128,14 @@ def _stream(container: Any, path: Path) -> Any:
     stream = container.streams.video[0]
     if max(stream.codec_context.width, stream.codec_context.height) > LARGEST:
         raise UserError(f"{path}: its pictures are larger than {LARGEST} pixels: scale it down")
+    taken, played = 0.0, float(stream.average_rate or 0.0)
+    with suppress(ValueError):
+        taken = float(container.metadata.get(CAPTURED, 0.0))
+    if played and taken / played > SLOWED:
+        raise UserError(
+            f"{path}: was taken at {taken:.4g} pictures/s and is played at {played:.4g}: give it its true times first, "
+            f"such as by ffmpeg -itsscale {played / taken:.4g} -i {path.name} -c copy"
+        )
     return stream
 
 

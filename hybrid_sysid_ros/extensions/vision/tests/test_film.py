@@ -133,3 +133,22 @@ def test_an_interlaced_film_is_refused(tmp_path: Path) -> None:
     """Each of its pictures is of two moments."""
     with pytest.raises(UserError, match="is interlaced"):
         list(pictures(_written(tmp_path / "film.mp4", {"flags": "+ilme+ildct", "x264-params": "tff=1"})))
+
+
+@pytest.mark.parametrize("taken", ["30.000000", "240.000000"])
+def test_slow_motion_is_refused_by_what_the_phone_wrote(film: Path, tmp_path: Path, taken: str) -> None:
+    import av
+
+    slow = tmp_path / "slow.mp4"
+    with av.open(str(film)) as source, av.open(str(slow), "w", options={"movflags": "use_metadata_tags"}) as target:
+        target.metadata["com.android.capture.fps"] = taken
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    if taken.startswith("30"):
+        assert len(list(pictures(slow))) == len(TIMES)
+    else:
+        with pytest.raises(UserError, match=r"taken at 240 pictures/s and is played at 2.*itsscale"):
+            list(pictures(slow))
