@@ -29,7 +29,7 @@ RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
 ROUNDS, MOST_ROUNDS = 4, 24
 """Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
 DIM = 0.3  # of the light of most pictures: what is darker is left out
-PIVOTED = 0.05  # pixels, so far; a picture shows a place to .1
+PIVOTED = 0.03  # pixels: as far as 50 pictures tell four numbers, each of which shows a place to .1
 UNSETTLED = 0.3  # pixels: a pivot that is still farther on its way bends the angles
 ONWARD = 0.9  # cosine between two steps, above which they go one way, and are not noise
 LONGEST = 5.0  # times what the pictures show of a pivot's way, as layers that were learned about a wrong one hide most
@@ -258,13 +258,14 @@ class _PivotWay:
         """
         before, now = moves @ self._before, moves @ shown
         along, both = float(now @ before), float(np.sqrt((now @ now) * (before @ before)))
-        if along > ONWARD * both > 0.0:
+        seen = float(np.sqrt(2.0 * np.mean(now**2)))
+        if seen > PIVOTED and along > ONWARD * both:  # smaller steps go one way by chance
             share = (1.0 - along / float(before @ before)) / self._longer
             self._longer = max(min(1.0 / max(share, 1.0 / LONGEST), LONGEST), 1.0)
         else:
             self._longer = 1.0
         self._before = shown
-        size = self._longer * float(np.sqrt(2.0 * np.mean(now**2)))
+        size = self._longer * seen
         self.left, self._last = max(size, self._last), size  # one small step may be its turning
         return self._longer * shown
 
