@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.extensions.export.unit.expressions import Expressions
-from hybrid_sysid_ros.extensions.export.unit.translator import (
+from hybrid_sysid_ros.extensions.export.unit.translation import (
     KEYWORDS,
     TranslatedFunction,
-    Translator,
+    Translation,
     known_names,
     tree_of,
 )
@@ -45,7 +45,7 @@ FRESH, ZEROS = "fresh", "fresh zeros"
 class Assignments(Expressions):
     """Sets what a function sets."""
 
-    def __init__(self, translator: Translator, function: FunctionType, made: TranslatedFunction) -> None:
+    def __init__(self, translator: Translation, function: FunctionType, made: TranslatedFunction) -> None:
         self.translator, self.made = translator, made
         self.function = function
         self.tree = tree_of(function)

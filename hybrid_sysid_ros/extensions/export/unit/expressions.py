@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import ast
 from types import FunctionType, ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.extensions.export.unit.layout import members
 from hybrid_sysid_ros.extensions.export.unit.operations import Operations, is_constant
-from hybrid_sysid_ros.extensions.export.unit.translator import TranslatedFunction, python_function
+from hybrid_sysid_ros.extensions.export.unit.translation import TranslatedFunction, python_function
 from hybrid_sysid_ros.extensions.export.unit.values import (
     AND,
     ATOM,
@@ -30,10 +30,6 @@ from hybrid_sysid_ros.extensions.export.unit.values import (
     cannot,
     offset,
 )
-
-if TYPE_CHECKING:
-    pass
-
 
 NOTHING = "0"
 """What stands for an element that there is not."""

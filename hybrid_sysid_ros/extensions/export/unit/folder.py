@@ -71,6 +71,10 @@ RECORDED, ODD, SHOWN = 1000, 2000, 100
 """Periods of the recorded loop, of questions that no loop is asked, and of the test that goes with the unit."""
 
 
+RecordedLoop = tuple[Sequence[PeriodQuestion], Sequence[PeriodAnswer]]
+"""What a loop in Python was asked, and what it answered."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class UnitExport:
     """What was written. differences: the largest ones of each replay, by part, within the tolerances. bytes: of the
@@ -115,73 +119,87 @@ def export_loop(
     Raises UserError for what can't be printed, without a C compiler, and where the unit answers otherwise than Python.
     """
     check_folder(out, marker=MANIFEST, replace=overwrite)
-    by = compiler.found()
-    if by is None:
+    by, name = _compiler(), unit_name(rig.name)
+    python = loop_in_python(rig, model, settings, network)
+    loop = unit.loop_of(rig, python)
+    printer = unit.translated(loop, python.estimator._arrays, name, single=single)
+    solver = daqp(source)
+    title = f"The loop of {rig.name}: its estimator and its exact MPC"
+    about = _about(rig, model, python, seal, policy_seal, single=single)
+    with written_folder(out, marker=MANIFEST) as partial:
+        copy_to(solver, partial / "daqp")
+        texts = unit.texts(printer, loop, title=title, about=about, seal=seal, soft=python.mpc.shooting.memory[-1])
+        for file, text in texts.items():
+            (partial / file).write_text(text, encoding="utf-8")
+        replay = recorded(rig, python, periods)
+        done = _checked(by, partial, name, rig, python, loop, replay, more, single=single)
+        _write_rest(
+            partial,
+            done,
+            python,
+            title=title,
+            about=about,
+            single=single,
+            shown=list(zip(*replay, strict=True))[:shown],
+        )
+        _write_manifest(partial, done, about, seal)
+    return done
+
+
+def _compiler() -> str:
+    """The C compiler. Raises UserError where there is none."""
+    found = compiler.found()
+    if found is None:
         names = ", ".join(compiler.COMPILERS)
         raise UserError(
             f"export: there is no C compiler ({names}), so that the unit can't be checked; install one (apt install "
             "gcc). policy export and model export work without one"
         )
-    name = unit_name(rig.name)
-    python = loop_in_python(rig, model, settings, network)
-    loop = unit.loop_of(rig, python)
-    printer = unit.translated(loop, python.estimator._arrays, name, single=single)
-    solver = daqp(source)
-    about = {
+    return found
+
+
+def _about(
+    rig: Rig, model: Model, python: PythonLoop, seal: str, policy_seal: str, *, single: bool
+) -> dict[str, str]:  # fmt: skip
+    """What a unit is made of, for the heads of its files."""
+    mpc = python.mpc
+    return {
         "made_by": f"hybrid_sysid_ros {version('hybrid_sysid_ros')}",
         "rig": rig.name,
         "model": f"{model.structure}, {seal}",
         "estimator": f"extended Kalman filter, every {python.estimator.period:g} s",
         "numbers": "float" if single else "double",
-        "controller": f"exact MPC{', one real-time iteration a period' if python.mpc.real_time else ''}; "
-        f"{python.mpc.horizon} intervals of {python.mpc.period:g} s",
+        "controller": f"exact MPC{', one real-time iteration a period' if mpc.real_time else ''}; "
+        f"{mpc.horizon} intervals of {mpc.period:g} s",
         "solver": f"DAQP {version('daqp')} (MIT)",
+        **({} if python.supervisor is None else {"policy": policy_seal}),
     }
-    if python.supervisor is not None:
-        about["policy"] = policy_seal
-    with written_folder(out, marker=MANIFEST) as partial:
-        copy_to(solver, partial / "daqp")
-        title = f"The loop of {rig.name}: its estimator and its exact MPC"
-        texts = unit.texts(printer, loop, title=title, about=about, seal=seal, soft=python.mpc.shooting.memory[-1])
-        for file, text in texts.items():
-            (partial / file).write_text(text, encoding="utf-8")
-        questions, answers = recorded(rig, python, periods)
-        with TemporaryDirectory(dir=partial.parent) as scratch:
-            flags = stack_use.FLAGS if compiler.is_gcc(by) else ()
-            library = build(by, partial, name, Path(scratch), flags=(*flags, *(SINGLE if single else ())))
-            made = BuiltUnit(library, name, **sizes_of(loop), single=single)
-            calls = [f"{name}_{call}" for call in ("step", "observe", "judge", "decide_from", "prepare", "reset")]
-            stack = stack_use.most_bytes(Path(scratch), calls, constraints=unit.most_active(loop)) if flags else None
-            differences = _compared(rig, python, made, questions, answers, more, single=single)
-        done = UnitExport(
-            name=name,
-            by=f"{by} {' '.join((*FLAGS, *WARNINGS))}",
-            differences=differences,
-            tolerances={kind: tolerance_of(python, kind, single=single) for kind in differences},
-            bytes=made.bytes,
-            stack=stack,
-            periods={"recorded": periods, "faulty": SPELL * len(FAULTS), "odd": more},
-            sizes=sizes_of(loop),
-            active=unit.most_active(loop),
-        )
-        test = list(zip(questions[:shown], answers[:shown], strict=True))
-        _write_rest(partial, done, python, title=title, about=about, single=single, shown=test)
-        content = {
-            "format": FORMAT,
-            **about,
-            "name": name,
-            "seal": seal,
-            "bytes": made.bytes,
-            "stack": stack,
-            "checked_by": done.by,
-            "largest_differences": {key: dict(value) for key, value in differences.items()},
-            "periods": dict(done.periods),
-            "files": {
-                str(path.relative_to(partial)): sha256(path) for path in sorted(partial.rglob("*")) if path.is_file()
-            },
-        }
-        (partial / MANIFEST).write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    return done
+
+
+def _checked(
+    by: str, folder: Path, name: str, rig: Rig, python: PythonLoop, loop: PrintedLoop, replay: RecordedLoop,
+    more: int, *, single: bool,
+) -> UnitExport:  # fmt: skip
+    """Compile a unit and compare it with Python. Raises UserError where it answers otherwise."""
+    sizes, active = sizes_of(loop), unit.most_active(loop)
+    with TemporaryDirectory(dir=folder.parent) as scratch:
+        flags = stack_use.FLAGS if compiler.is_gcc(by) else ()
+        library = build(by, folder, name, Path(scratch), flags=(*flags, *(SINGLE if single else ())))
+        made = BuiltUnit(library, name, **sizes, single=single)
+        calls = [f"{name}_{call}" for call in ("step", "observe", "judge", "decide_from", "prepare", "reset")]
+        stack = stack_use.most_bytes(Path(scratch), calls, constraints=active) if flags else None
+        differences = _compared(rig, python, made, *replay, more, single=single)
+    return UnitExport(
+        name=name,
+        by=f"{by} {' '.join((*FLAGS, *WARNINGS))}",
+        differences=differences,
+        tolerances={kind: tolerance_of(python, kind, single=single) for kind in differences},
+        bytes=made.bytes,
+        stack=stack,
+        periods={"recorded": len(replay[0]), "faulty": SPELL * len(FAULTS), "odd": more},
+        sizes=sizes,
+        active=active,
+    )
 
 
 def tolerance_of(python: PythonLoop, kind: str, *, single: bool = False) -> float:
@@ -299,6 +317,23 @@ def _write_rest(
     ):
         text = Text((unit.UNIT_TEMPLATES / file).read_text(encoding="utf-8")).substitute(values)
         (folder / target).write_text(text, encoding="utf-8")
+
+
+def _write_manifest(folder: Path, done: UnitExport, about: Mapping[str, str], seal: str) -> None:
+    """Write what the unit is, how it was checked, and the digests of all other files."""
+    content = {
+        "format": FORMAT,
+        **about,
+        "name": done.name,
+        "seal": seal,
+        "bytes": done.bytes,
+        "stack": done.stack,
+        "checked_by": done.by,
+        "largest_differences": {key: dict(value) for key, value in done.differences.items()},
+        "periods": dict(done.periods),
+        "files": {str(path.relative_to(folder)): sha256(path) for path in sorted(folder.rglob("*")) if path.is_file()},
+    }
+    (folder / MANIFEST).write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def _row(question: PeriodQuestion, answer: PeriodAnswer, suffix: str) -> str:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ast
 import operator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.export.unit.translator import TranslatedFunction
+from hybrid_sysid_ros.extensions.export.unit.translation import TranslatedFunction, Translation
 from hybrid_sysid_ros.extensions.export.unit.values import (
     AND,
     ATOM,
@@ -32,9 +32,6 @@ from hybrid_sysid_ros.extensions.export.unit.values import (
     cannot,
     number_kind,
 )
-
-if TYPE_CHECKING:
-    from hybrid_sysid_ros.extensions.export.unit.translator import Translator
 
 
 class _Operator(NamedTuple):
@@ -68,7 +65,7 @@ _COMPARED: dict[type, _Operator] = {
 class Operations:
     """Operations on the values of a function."""
 
-    translator: Translator
+    translator: Translation
     made: TranslatedFunction
     function: Any
     names: dict[str, Any]

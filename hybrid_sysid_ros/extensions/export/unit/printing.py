@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout, element, members
-from hybrid_sysid_ros.extensions.export.unit.translator import TranslatedFunction, Translator
+from hybrid_sysid_ros.extensions.export.unit.translation import TranslatedFunction, Translation
 from hybrid_sysid_ros.extensions.export.unit.values import (
     REAL,
     ArrayView,
@@ -28,7 +28,7 @@ WIDTH = 118
 class Printer:
     """Prints what a translator has translated. twice: names of arrays that the unit has twice, as two estimates do."""
 
-    def __init__(self, translator: Translator, twice: Sequence[str] = ()) -> None:
+    def __init__(self, translator: Translation, twice: Sequence[str] = ()) -> None:
         self.translator, self.twice = translator, twice
         self.rig, self.layout = translator.rig, translator.layout
         self._functions = {item.name: item for item in translator.functions.values()}
