@@ -47,6 +47,8 @@ class StateSpaceSettings:
     """Weight of the squared weights of units, relative to the sum of squared outputs."""
     starts: int = 3
     """Random beginnings of the units, of which the best fit stays."""
+    dead: tuple[int, ...] = ()
+    """Samples by which each input acts later, (inputs,); none by default."""
 
 
 def identify_state_space(
@@ -66,6 +68,7 @@ def identify_state_space(
     tell = progress or (lambda stage, count, error: None)
     with alone():
         stretches, scales = _scaled(records)
+        stretches = [_acting(item, settings.dead) for item in stretches]
         selection = _selected(stretches, settings, records[0].sampling.initial_samples, tell)
         start = _start(stretches, selection)
         order = selection.order
@@ -93,6 +96,7 @@ def identify_state_space(
         order=order,
         units=sizes.units,
         power=sizes.power,
+        dead=settings.dead,
         scales=scales,
         trials=tuple((float(item.order), item.error, item.spread) for item in selection.trials),
         map_weights=weights,
@@ -116,6 +120,16 @@ def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[subspace.Stretch], 
         for record in records
     ]
     return found, tuple(np.concatenate([*means, *sizes]).tolist())
+
+
+def _acting(stretch: subspace.Stretch, dead: Sequence[int]) -> subspace.Stretch:
+    """The inputs that act at each sample, from that on at which the record has all of them, and the outputs there."""
+    inputs, outputs = stretch
+    longest = max(dead, default=0)
+    if not longest:
+        return stretch
+    columns = [column[longest - late : len(column) - late] for column, late in zip(inputs.T, dead, strict=True)]
+    return np.ascontiguousarray(np.stack(columns, axis=1)), outputs[longest:]
 
 
 def _selected(
@@ -185,7 +199,8 @@ def fitted_again(system: StateSpace, records: Sequence[subspace.Stretch], iterat
     p, m = len(system.outputs), len(system.inputs)
     sizes = Sizes(states=system.order, inputs=m, outputs=p, units=system.units, power=system.power)
     means, scales = np.split(np.array(system.scales), 2)
-    stretches = [((u - means[p:]) / scales[p:], (y - means[:p]) / scales[:p]) for u, y in records]
+    scaled = [((u - means[p:]) / scales[p:], (y - means[:p]) / scales[:p]) for u, y in records]
+    stretches = [_acting(item, system.dead) for item in scaled]
     weights, firsts = unit_states(system.weights, sizes, stretches, None)
     level = weights[sizes.readout_at :].reshape(p, sizes.wide)[:, -1]
     given: dict[str, Any] = {"through": bool(np.any(system.matrices()[3])), "ridge": StateSpaceSettings.ridge}
@@ -231,7 +246,7 @@ def _with_units(linear: Refined, before: Sizes, sizes: Sizes, random: np.random.
 
 def options_of(options: Any) -> StateSpaceSettings:
     """The settings of a structure's options. Raises UserError for a power without units, and a first power."""
-    given = {name: int(options[name]) for name in ("order", "highest", "units", "power", "starts")}
+    given: dict[str, Any] = {name: int(options[name]) for name in ("order", "highest", "units", "power", "starts")}
     if given["power"] == 1:
         raise UserError("state space: a unit of power 1 is linear; take power 2 to 7, or 0 for tanh")
     if given["power"] and not given["units"]:

@@ -35,6 +35,8 @@ class StateSpace(Recurrence):
     units: int = 0
     power: int = 0
     """Of the hidden layer; 0: it is of tanh."""
+    dead: tuple[int, ...] = ()
+    """Samples by which each input acts later, (inputs,); none by default."""
     scales: tuple[float, ...] = ()
     """Means of outputs and inputs, then their deviations; zeros and ones by default."""
     trials: tuple[tuple[float, ...], ...] = ()
@@ -55,7 +57,10 @@ class StateSpace(Recurrence):
         taken = {item.name for item in (*self.outputs, *self.inputs)}
         prefix = "state" if not any(name.startswith("state_") for name in taken) else "hidden_state"
         states = tuple(Variable(name=f"{prefix}_{i + 1}", unit="") for i in range(self.order))
-        for name, value in (("map_weights", weights), ("scales", tuple(scales)), ("states", states)):
+        late = zip(self.inputs, self.dead, strict=False)
+        delays = {item.name: self.period * samples for item, samples in late if samples}
+        made = {"map_weights": weights, "scales": tuple(scales), "states": states, "delays": delays}
+        for name, value in made.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -74,7 +79,8 @@ class StateSpace(Recurrence):
     def of(cls, design: Mapping[str, Any], weights: Array) -> StateSpace:
         """The system of a :attr:`design` with its weights (size,). Raises UserError where they don't fit."""
         variables = {name: tuple(Variable(**item) for item in design[name]) for name in ("outputs", "inputs")}
-        plain = {"scales": tuple(design["scales"]), "trials": tuple(map(tuple, design["trials"]))}
+        plain = {name: tuple(design.get(name, ())) for name in ("scales", "dead")}  # older ones had no dead time
+        plain |= {"trials": tuple(map(tuple, design["trials"]))}
         return cls(**{**design, **variables, **plain}, map_weights=weights)
 
     @property
@@ -82,7 +88,8 @@ class StateSpace(Recurrence):
         """Everything but the weights as plain data, from which :meth:`of` builds the system again."""
         variables = {name: [asdict(item) for item in getattr(self, name)] for name in ("outputs", "inputs")}
         plain = {name: getattr(self, name) for name in ("period", "order", "units", "power")}
-        return {**plain, "scales": list(self.scales), "trials": [list(row) for row in self.trials], **variables}
+        rows = {"dead": list(self.dead), "trials": [list(row) for row in self.trials]}
+        return {**plain, "scales": list(self.scales), **rows, **variables}
 
     @property
     def form(self) -> tuple[Any, ...]:

@@ -58,10 +58,16 @@ class StateSpaceStructure(Structure):
             context.experiments(self.physics),
             self.physics.outputs,
             self.physics.inputs,
-            options_of(context.options),
+            replace(options_of(context.options), dead=self._dead(context.sampling.period)),
             seed=context.seed,
             progress=context.progress,
         )
+
+    def _dead(self, period: float) -> tuple[int, ...]:
+        """Samples by which inputs act later for sure: of a delay that the rig's physics declares all whole samples but
+        one, since the states may be late by further ones and not early.
+        """
+        return tuple(np.maximum(np.floor(self.physics.input_delays / period + 1e-9) - 1, 0).astype(int).tolist())
 
     def assemble(self, design: Mapping[str, Any], weights: Array) -> StateSpace:
         return StateSpace.of(design, weights)

@@ -1,7 +1,8 @@
 """State spaces: every form agrees, derivatives are exact, and known systems come back."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from scipy.signal import dlsim
 
 import hybrid_sysid_ros as hs
-from hybrid_sysid_ros.core import Variable, one_step
+from hybrid_sysid_ros.core import System, Variable, one_step
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.extensions.state_space import tangents
@@ -156,6 +157,18 @@ def test_a_fit_needs_only_inputs_and_outputs_and_predicts_unseen_records():
     np.testing.assert_allclose(poles, POLES, atol=0.01)
 
 
+@dataclass(frozen=True, kw_only=True)
+class LateLag(System):
+    """T y' = u - y, 2 s late."""
+
+    states = ("y [V]",)
+    inputs = ("u [V]",)
+    delays = {"u": 2.0}
+
+    def law(self, x, u):
+        return (u[0] - x[0],)
+
+
 def smooth_and_steps(order, samples=1500):
     """A lag of two states under a multisine up to a fortieth of the sampling rate, with noise, and under jumps."""
     random, times = np.random.default_rng(0), np.arange(samples)
@@ -186,6 +199,23 @@ def test_a_block_is_left_out_of_a_fit_that_goes_on_without_it():
     assert [block.samples for block in blocks] == [slice(k, k + 375) for k in range(0, 1500, 375)]
     gains = [score(record.outputs, free_run_of(block.system, record)).r2 for block in blocks]
     assert np.argmax(gains) == 1  # most of what is broken
+
+
+def test_a_declared_dead_time_needs_no_states():
+    """A lag of two states behind 40 samples: the sample that is left of these is a third state."""
+    structure = structure_of("state_space", LateLag())
+    record, unseen = smooth_and_steps(3)
+    late = [replace(item, outputs=np.vstack([np.zeros((40, 1)), item.outputs[:-40]])) for item in (record, unseen)]
+    context: Any = SimpleNamespace(
+        experiments=lambda system: late[:1],
+        options={name: item.default for name, item in structure.options.items()} | {"order": 3},
+        sampling=record.sampling, seed=0, progress=None,
+    )  # fmt: skip
+    system: Any = structure.fit(context).system
+    assert system.input_delays.tolist() == [pytest.approx(39 * 0.05)]
+    assert structure.assemble(system.design, system.weights).delays == system.delays
+    run = free_run(system, late[1])  # of its first samples no record has the input
+    assert score(late[1].outputs[100:, 0], run[100:, 0]).r2 > 0.99
 
 
 def test_a_band_limited_input_is_read_when_the_outputs_are():
