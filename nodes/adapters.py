@@ -138,7 +138,8 @@ class EstimatorAdapter:
         further: list[float] = []
         if self._further:
             further = self.estimator.expected(estimate, self.applied)[self._further].tolist()
-        validity = [*self.applied.tolist(), self.estimator.doubt, float(self.estimator.monitor.without)]
+        acting, doubt, without = self.estimator.acting(self.applied), self.estimator.doubt, self.estimator.without
+        validity = [*acting.tolist(), doubt, float(without), float(self.estimator.reversal.reversed)]
         parameters = estimate.parameters.tolist()
         numbers = [*state, *further, *disturbance, *ahead, *disturbance, *validity, *parameters]
         return self._writer.pack(stamp, [math.nan] * len(numbers) if blind else numbers)
@@ -227,8 +228,8 @@ class ControllerAdapter:
 
     def judge(self, joints: JointStates, elapsed: float) -> LoopState:
         """The level that the guard allows after an estimate, ``elapsed`` [s] after the one before."""
-        *applied, doubt, without = self.validity.read(joints.names, joints.lists)
-        return self.guard.judge(doubt, without, np.array(applied), self.state, elapsed)
+        *applied, doubt, without, turned = self.validity.read(joints.names, joints.lists)
+        return self.guard.judge(doubt, without, turned, np.array(applied), self.state, elapsed)
 
     def at_rest(self) -> Array:
         """Inputs at rest (m,) for the newest state; see :meth:`.guard.Guard.rest_of`."""

@@ -229,7 +229,9 @@ class ControllerNode(RigNode):
         if self.adapter.followed.names and (parameters := self.entry.read(joints, self.adapter.followed)) is not None:
             self.adapter.adapt(parameters)
         preview = self.reference(stamp, level, elapsed)
-        plan = self.adapter.controller.control(self.adapter.state, self.adapter.disturbance, self.input, preview)
+        adapter = self.adapter
+        before = adapter.guard.turned(self.input)
+        plan = adapter.controller.control(adapter.state, adapter.disturbance, before, preview)
         layer = LAYERS[plan.status]
         self.statuses[plan.status.value] += 1
         if layer not in STANDING_IN:
@@ -299,7 +301,7 @@ class ControllerNode(RigNode):
             self.rest(ZEROED)
             return
         self.layers[HELD] += 1
-        self.send(self.input)
+        self.send(self.adapter.guard.turned(self.input))
 
     def rest(self, layer: str) -> None:
         """Inputs at rest; from there the loop comes back gently."""
@@ -315,7 +317,7 @@ class ControllerNode(RigNode):
         self.layers[STOPPED] += 1
         self.become(self.operation.state(LoopState.RESTING))
         self.settled, self.returning = False, True
-        self.send(self.adapter.nearer_rest(self.input, share))
+        self.send(self.adapter.nearer_rest(self.adapter.guard.turned(self.input), share))
 
     def watch(self) -> None:
         """Let the inputs rest when estimates stop: not every drive has a timeout of its own. See who wants numbers."""
@@ -333,12 +335,13 @@ class ControllerNode(RigNode):
             self.send(self.adapter.rest, limited=False)
 
     def send(self, inputs: Array, *, limited: bool = True) -> None:
-        """Publish a command (m,) that answers the newest estimate; limited: no faster than the actuators can follow."""
+        """Publish a command for inputs (m,) that are to act; limited: no faster than the actuators can follow."""
         now, guard = self.time(), self.adapter.guard
         elapsed = (now - self.acted) / SECOND if self.acted else min(self.adapter.controller.period, LONGEST)
-        self.input[:] = guard.followed(inputs, self.input, elapsed) if limited else inputs
+        acting = guard.followed(inputs, guard.turned(self.input), elapsed) if limited else inputs
         self.acted = now
-        guard.commanded(self.input)
+        guard.commanded(acting)
+        self.input[:] = guard.turned(acting)
         self.output.publish(self.adapter.writer.pack(self.stamp, self.input.tolist()), self.input)
 
     def health(self) -> Sequence[Task]:

@@ -20,9 +20,9 @@ AHEAD = "_ahead"
 """Suffix of the entries of the state at which the next command will act."""
 APPLIED = "_applied"
 """Suffix of the entries of the inputs that acted until the measurement."""
-DOUBT, WITHOUT = "doubt", "sensors_left_out"
-"""Entries on the validity of an estimate: the strongest evidence against it as a multiple of its threshold, and the
-number of sensors that are left out."""
+VALIDITY = ("doubt", "sensors_left_out", "input_reversed")
+"""Entries on the validity of an estimate: the strongest evidence against it as a multiple of its threshold, the number
+of sensors that are left out and of inputs that act with the other sign, and the index of such an input, or -1."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class SignalLayout:
             for field in ("position", "velocity")
             if getattr(joint, field)
         }
-        taken = {name + ending for name in joints for ending in ("", AHEAD, APPLIED)} | {DOUBT, WITHOUT}
+        taken = {name + ending for name in joints for ending in ("", AHEAD, APPLIED)} | {*VALIDITY}
         for item in (*system.states, *system.outputs):
             if item.name not in carried and item.name in taken:
                 raise UserError(
@@ -69,8 +69,8 @@ class SignalLayout:
         self.further = [k for k, item in enumerate(system.outputs) if item.name not in names]
         """Indices of the outputs that are no states."""
         self.validity = [place.ending(APPLIED) for place in self.inputs]
-        self.validity += [SignalPlace(name, "position") for name in (DOUBT, WITHOUT)]
-        """Applied inputs, doubt, and the number of sensors that are left out, (m + 2,)."""
+        self.validity += [SignalPlace(name, "position") for name in VALIDITY]
+        """Applied inputs, and VALIDITY, (m + 3,)."""
 
     def estimate(self, followed: Iterable[str]) -> list[SignalPlace]:
         """Places of an estimate: states, outputs that are no states and input disturbances at its stamp, states and

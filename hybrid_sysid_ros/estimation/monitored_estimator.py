@@ -14,6 +14,14 @@ from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation.estimator import Estimator, StateEstimate
 from hybrid_sysid_ros.estimation.frozen_sensor import ENOUGH, FrozenSensorDetector, frozen_detectors, is_frozen
 from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
+from hybrid_sysid_ros.estimation.reversed_input import (
+    NONE,
+    ReversalTrial,
+    believe_other,
+    may_compete,
+    outweighs,
+    turn_input,
+)
 from hybrid_sysid_ros.estimation.sensor_monitor import (
     MonitoredSensor,
     MonitorRecord,
@@ -59,6 +67,8 @@ class MonitorSettings:
     """(p,): by which a sensor is known to be too still [output unit], 0 where it may be."""
     doubt_disturbance: bool
     """Whether a disturbance at its limit is evidence."""
+    reversible: Sequence[float]
+    """(m,): 1 for an input that may act with the other sign, and is then given it, 0 for others."""
 
 
 @dataclass(slots=True)
@@ -162,7 +172,9 @@ class MonitoredEstimator:
     filter: the estimator. monitor: see :class:`~.sensor_monitor.SensorMonitor`. frozen: a detector for each output.
     shown: the readings of the newest measurement (p,), NaN where a sensor is frozen. outputs: those that were used.
     watch: see :class:`EstimateWatch`. trial, agreement, tried: the second estimator, None where no sensor can be left
-    out, its monitor, and what came of it.
+    out, its monitor, and what came of it. rivals, judge, reversal: the two that compete about the sign of an input, none
+    where no input may be reversed, the monitor of the one with the other sign, and what came of it:
+    :mod:`~.reversed_input`.
     """
 
     def __init__(
@@ -183,6 +195,7 @@ class MonitoredEstimator:
         self._deviations = np.hypot(tuning.measurement_noise, tuning.hum_amplitude).tolist()
         self.outputs, self.shown = np.zeros(len(system.outputs)), np.zeros(len(system.outputs))
         self.trial = self._new() if self._spare.any() else None
+        self.rivals = [self._new() for _ in range(2 if any(settings.reversible) else 0)]
         self.begin()
 
     def _new(self) -> Estimator:
@@ -205,7 +218,9 @@ class MonitoredEstimator:
         self.filter = self._new()
         largest = self.settings.largest
         self.monitor = self._monitor(self._spare, largest)
-        self.agreement = self._monitor(np.zeros_like(self._spare), np.minimum(largest, SOUND).tolist())
+        sound = np.zeros_like(self._spare), np.minimum(largest, SOUND).tolist()
+        self.agreement, self.judge = self._monitor(*sound), self._monitor(*sound)
+        self.reversal = ReversalTrial()
         after = round(self.settings.frozen_after / self._period)
         self.frozen, self.ring = frozen_detectors(self.settings.white_noise, after)
         self.watch = EstimateWatch(self._period, self.tuning.patience)
@@ -220,12 +235,21 @@ class MonitoredEstimator:
             watch.astray = False
             self.filter.reset()
             renew(sensors)
-        estimate = self.filter.update(time, self.outputs, applied)
+        acting = self.acting(applied)
+        estimate = self.filter.update(time, self.outputs, acting)
         if elapsed := time_to_judge(watch, time):
             self._judge(estimate, applied, elapsed)
             if self.trial is not None and is_any_left_out(sensors) and may_try(self.tried, sensors, shown):
-                self._try_again(self.trial, time, applied, elapsed)
+                self._try_again(self.trial, time, acting, elapsed)
+            if self.rivals and may_compete(self.reversal, sensors, shown, self.settings.reversible, elapsed):
+                estimate = self._compete(time, acting, elapsed) or estimate
         return estimate
+
+    def acting(self, applied: Array) -> Array:
+        """What acts of inputs (m,): one that is reversed has the other sign."""
+        found = np.array(applied)
+        turn_input(found, self.reversal.reversed)  # type: ignore[arg-type]
+        return found
 
     def _judge(self, estimate: StateEstimate, applied: Array, elapsed: float) -> None:
         """Judge the evidence against an estimate, which begins anew where that lasts too long."""
@@ -250,9 +274,35 @@ class MonitoredEstimator:
             self.filter, self.trial = whole, self.filter
             readmit(self.monitor.sensors)
 
+    def _compete(self, time: float, acting: Array, elapsed: float) -> StateEstimate | None:
+        """Update both rivals; the estimate of the one with the other sign where that is believed."""
+        reversal, judge, (one, other) = self.reversal, self.judge, self.rivals
+        if math.isnan(reversal.ratio):
+            for rival in self.rivals:
+                rival.reset()
+            renew(judge.sensors)
+            reversal.ratio = reversal.sound = 0.0
+        same = one.update(time, self.shown, acting).normalised.tolist()
+        turned = acting.copy()
+        turn_input(turned, reversal.tried)  # type: ignore[arg-type]
+        estimate = other.update(time, self.shown, turned)
+        shown, normalised = self.shown.tolist(), estimate.normalised.tolist()
+        if not outweighs(reversal, judge.record, judge.sensors, shown, same, normalised, elapsed):
+            return None
+        other.counters, self.filter.counters = self.filter.counters, other.counters
+        self.filter, self.rivals[1] = other, self.filter
+        believe_other(reversal, self.monitor.sensors)
+        self.watch.doubted, self.tried.agreed = 0.0, math.nan
+        return estimate
+
     def expected(self, estimate: StateEstimate, applied: Array) -> Array:
         """Expected readings of the sensors (p,) under inputs (m,)."""
-        return output_of(self.system, estimate.state, applied + estimate.disturbance)
+        return output_of(self.system, estimate.state, self.acting(applied) + estimate.disturbance)
+
+    @property
+    def without(self) -> int:
+        """Of how many sensors and inputs the estimate does not know what they usually do."""
+        return self.monitor.without + (self.reversal.reversed != NONE)
 
     @property
     def doubt(self) -> float:

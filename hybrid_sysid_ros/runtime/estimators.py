@@ -16,6 +16,12 @@ FAR = 3.0
 that are small are no reason to doubt: a simulated sensor may have no noise at all, and an encoder has none at rest."""
 
 
+def _reversible(rig: Rig) -> list[float]:
+    """Inputs of a stabiliser: a rig that has none can rest, and a sensor with the wrong sign looks the same there."""
+    gains = rig.experiments.stabiliser
+    return [0.0 if gains is None or not gains[j].any() else 1.0 for j in range(len(rig.actuators))]
+
+
 def estimator_of(
     rig: Rig, system: System, settings: Mapping[str, Any], *, period: float | None = None, latency: float | None = None
 ) -> MonitoredEstimator:
@@ -36,6 +42,7 @@ def estimator_of(
         frozen_after=settings["frozen_after"],
         white_noise=[abs(sensor.scale) * sensor.white_noise * sensor.noisy for sensor in rig.sensors],
         doubt_disturbance=settings["doubt_disturbance"],
+        reversible=_reversible(rig),
     )
     return MonitoredEstimator(
         METHODS[settings["method"]],

@@ -13,6 +13,7 @@ from hybrid_sysid_ros.control.safety import guarding
 from hybrid_sysid_ros.control.safety.failsafe import NOTHING, Evidence, Failsafe, Ladder, LoopState
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, come_back, lead_from
 from hybrid_sysid_ros.control.safety.guarding import GuardedInput, GuardMemory, GuardRecord, StateRange
+from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.support.arrays import Array
 
 REASONS = {
@@ -21,6 +22,7 @@ REASONS = {
     "range": "the state is outside of the rig's travel or validity",
 }
 """Kinds of evidence, in words."""
+REVERSED = "an input acts reversed, and is sent with the other sign"
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
 
 
@@ -94,6 +96,7 @@ class Guard:
         own, old = self.memory, other.memory
         core, failsafe = old.core[0], old.failsafe[0]
         own.core[0].share, own.core[0].tried, own.core[0].row = core.share, core.tried, core.row
+        own.core[0].reversed = core.reversed
         own.failsafe[0].level, own.failsafe[0].cause = failsafe.level, failsafe.cause
         own.governor[0].free = old.governor[0].free
         for output, before in zip(own.outputs, old.outputs, strict=True):
@@ -102,11 +105,20 @@ class Guard:
             item.missed, item.asked = last.missed, last.asked
         self.memory = own._replace(kinds=old.kinds, sent=old.sent, replaced=old.replaced)
 
-    def judge(self, doubt: float, without: float, applied: Array, state: Array, elapsed: float) -> LoopState:
-        """The level from an estimate. doubt, without: of the estimator, NaN where it says nothing. applied (m,): inputs
-        that acted, NaN where that is not known. state (n,). elapsed: since the last estimate [s].
+    def judge(
+        self, doubt: float, without: float, reversed: float, applied: Array, state: Array, elapsed: float
+    ) -> LoopState:
+        """The level from an estimate. doubt, without, reversed: of the estimator, NaN where it says nothing. applied (m,):
+        inputs that acted, NaN where that is not known. state (n,). elapsed: since the last estimate [s].
         """
-        return LoopState(guarding.judge(self.memory, doubt, without, applied.tolist(), state.tolist(), elapsed))
+        given = applied.tolist(), state.tolist(), elapsed
+        return LoopState(guarding.judge(self.memory, doubt, without, reversed, *given))
+
+    def turned(self, inputs: Array) -> Array:
+        """See :func:`.guarding.turn`."""
+        found = inputs.tolist()
+        guarding.turn(self.memory, found)
+        return np.array(found)
 
     def lead_from(self, outputs: Array) -> None:
         """Lead the reference on from here (p,)."""
@@ -150,7 +162,9 @@ class Guard:
     def reason(self) -> str:
         """Why the level is what it is, in words."""
         cause = self.memory.failsafe[0].cause
-        return "a sensor is missing or left out" if cause == NOTHING else [*REASONS.values()][cause]
+        if cause == NOTHING:
+            return "a sensor is missing or left out" if self.memory.core[0].reversed == NONE else REVERSED
+        return [*REASONS.values()][cause]
 
     @property
     def is_free(self) -> bool:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from hybrid_sysid_ros.control.safety.failsafe import AGAIN, Evidence, Failsafe, LoopState, judge_evidence
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
+from hybrid_sysid_ros.estimation.reversed_input import NONE, turn_input
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
 from hybrid_sysid_ros.support.arrays import Floats
 
@@ -43,7 +44,7 @@ enough to show what it makes of them. A flipped or disconnected one looks right 
 class GuardRecord:
     """A guard's own numbers. act, stabilised, slow_share, recent: see :class:`~.guard.GuardSettings`. share: of half
     their range that inputs have. tried: the same where an actuator is in doubt. row: of the newest command. level: that
-    it allows.
+    it allows. reversed: the input that acts with the other sign, NONE: none does.
     """
 
     act: bool
@@ -54,6 +55,7 @@ class GuardRecord:
     tried: float = 1.0
     row: int = 0
     level: int = 0
+    reversed: int = NONE
 
 
 @dataclass(slots=True)
@@ -86,7 +88,9 @@ class StateRange:
 
 
 class GuardMemory(NamedTuple):
-    """The memory of a guard of n states, m inputs, p outputs. core, failsafe, governor: one record each."""
+    """The memory of a guard of n states, m inputs, p outputs. core, failsafe, governor: one record each. Commands are
+    what is to act: see :func:`turn`.
+    """
 
     core: Sequence[GuardRecord]
     failsafe: Sequence[Failsafe]
@@ -101,9 +105,15 @@ class GuardMemory(NamedTuple):
     """(REMEMBERED,): how long ago each was replaced [s]; the newest one never was."""
 
 
-def judge(guard: GuardMemory, doubt: float, without: float, applied: Floats, state: Floats, elapsed: float) -> int:
+def judge(
+    guard: GuardMemory, doubt: float, without: float, reversed: float, applied: Floats, state: Floats, elapsed: float
+) -> int:
     """The level that an estimate allows; see :meth:`.guard.Guard.judge`."""
     core, failsafe, kinds = guard.core[0], guard.failsafe[0], guard.kinds
+    if math.isfinite(reversed) and int(reversed) != core.reversed:
+        _turn_past(guard, core.reversed)
+        core.reversed = int(reversed)
+        _turn_past(guard, core.reversed)
     kinds[ESTIMATE].value = doubt
     _judge_actuators(guard, applied, elapsed)
     kinds[RANGE].value = _beyond(guard, state)
@@ -119,6 +129,24 @@ def judge(guard: GuardMemory, doubt: float, without: float, applied: Floats, sta
     if core.act and doubts_actuators(guard, failsafe.holding):
         core.tried = TRIAL
     return level
+
+
+def _turn_past(guard: GuardMemory, which: int) -> None:
+    """Give the remembered commands of an input the other sign, and what acted."""
+    m = len(guard.inputs)
+    if which != NONE:
+        guard.inputs[which].sent = -guard.inputs[which].sent
+        guard.inputs[which].acted = -guard.inputs[which].acted
+        for i in range(REMEMBERED):
+            guard.sent[i * m + which] = -guard.sent[i * m + which]
+
+
+def turn(guard: GuardMemory, inputs: Floats) -> None:
+    """Make of what is to act (m,), in place, what has to be sent for that, within its bounds, or the reverse."""
+    which = guard.core[0].reversed
+    turn_input(inputs, which)
+    if which != NONE:
+        inputs[which] = min(max(inputs[which], guard.inputs[which].low), guard.inputs[which].high)
 
 
 def doubts_actuators(guard: GuardMemory, after: float) -> bool:

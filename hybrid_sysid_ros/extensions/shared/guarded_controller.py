@@ -46,7 +46,9 @@ class GuardedController:
         (p,), preview (horizon, p): the reference when the command acts, and at ``times`` from then on [SI].
         """
         guard, estimator, state = self.guard, self.estimator, estimate.ahead
-        self.level = level = guard.judge(estimator.doubt, estimator.monitor.without, applied, state, elapsed)
+        validity = estimator.doubt, estimator.without, estimator.reversal.reversed
+        self.level = level = guard.judge(*validity, estimator.acting(applied), state, elapsed)
+        before = guard.turned(self.input)
         rest = guard.rest_of(self.controller, state, self._rest)
         if level is LoopState.RESTING:
             self._returning, self.plan = True, None
@@ -57,10 +59,11 @@ class GuardedController:
                 self.controller.reset()
                 guard.come_back(estimator.expected(estimate, applied))
             preview = guard.reference(level, now, preview, self.times, elapsed)
-            self.plan = plan = self.controller.control(state, estimate.disturbance, self.input, preview)
+            self.plan = plan = self.controller.control(state, estimate.disturbance, before, preview)
             command = guard.slowed(plan.input, rest) if guard.slows else plan.input
-        self.input = guard.followed(command, self.input, elapsed)
-        guard.commanded(self.input)
+        acting = guard.followed(command, before, elapsed)
+        guard.commanded(acting)
+        self.input = guard.turned(acting)
         return self.input
 
     def prepare(self, elapsed: float) -> None:
