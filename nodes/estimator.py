@@ -16,6 +16,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.estimation.consistency import band
+from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, Measured, model_of
 from hybrid_sysid_ros.nodes.base import ModelSource, RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
@@ -251,11 +252,12 @@ class EstimatorNode(RigNode):
         }
         task = self.judged("sensor", troubles, counters.updates, **values)
         out = [name for name, is_out in zip(self.names, estimator.monitor.left_out, strict=True) if is_out]
-        if out:
-            words = f"{', '.join(out)} contradicts the model and is left out"
-            task = replace(
-                task, level=max(task.level, WARN), message=f"{words}; {task.message}".removesuffix("; running")
-            )
+        which = estimator.reversal.reversed
+        found = [f"{', '.join(out)} contradicts the model and is left out"] if out else []
+        found = [f"input {self.rig.system.inputs[which].name} acts reversed", *found] if which != NONE else found
+        if found:
+            words = "; ".join([*found, task.message]).removesuffix("; running")
+            task = replace(task, level=max(task.level, WARN), message=words)
         return task
 
     def model(self) -> Task:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.safety.guard import REASONS
+from hybrid_sysid_ros.control.safety.guard import REASONS, REVERSED
 from hybrid_sysid_ros.extensions.export.unit.folder import unit_name
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
 from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, LIVE, NODES, UNWATCHED_LOOP, UNWATCHED_SENSORS
@@ -61,6 +61,7 @@ def texts(rig: Rig, python: PythonLoop, values: Mapping[str, Mapping[str, Any]],
         "COVARIANCE_SIZE": len(labels),
         "COVARIANCE_LABEL": text(f"covariance of {', '.join(labels)}"),
         "RIG": text(rig.name),
+        "INPUT_REVERSED": text(REVERSED),
         "BODY": text(body),
         "NOT_WATCHED_SENSORS": text(UNWATCHED_SENSORS),
         "NOT_WATCHED_LOOP": text(UNWATCHED_LOOP),
@@ -76,6 +77,7 @@ def texts(rig: Rig, python: PythonLoop, values: Mapping[str, Mapping[str, Any]],
         "input_high": ("double", list(map(number, python.limits[1]))),
         "input_rate": ("double", list(map(number, rates))),
         "output_names": ("char *const", [text(item.name) for item in system.outputs]),
+        "input_names": ("char *const", [text(item.name) for item in system.inputs]),
         "doubt_names": ("char *const", list(map(text, REASONS))),
         "doubts": ("char *const", list(map(text, REASONS.values()))),
         "reach_low": ("double", list(map(number, rig.reach[0]))),

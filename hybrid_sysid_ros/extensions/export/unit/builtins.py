@@ -235,9 +235,9 @@ def _solve(body: FunctionBody, function: Value, result: Value, workspace: Value)
 
 
 @_of(exchange)
-def _exchange(body: FunctionBody, loop: Value) -> None:
+def _exchange(body: FunctionBody, loop: Value, which: Value) -> None:
     body.made.calls.add("unit")
-    body.line(f"{body.translator.rig}_exchange($unit$);")
+    body.line(f"{body.translator.rig}_exchange($unit$, {body.number(which).text});")
 
 
 # ---------------------------------------------------------------------- registers

@@ -34,6 +34,7 @@ from hybrid_sysid_ros.estimation.monitored_estimator import (
     time_to_judge,
     watch_estimate,
 )
+from hybrid_sysid_ros.estimation.reversed_input import NONE, believe_other, may_compete, outweighs, turn_input
 from hybrid_sysid_ros.estimation.sensor_monitor import (
     doubt_of,
     is_any_left_out,
@@ -46,15 +47,19 @@ from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate, 
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED, WAITING, PrintedLoop
 from hybrid_sysid_ros.support.arrays import Array
 
+TRIAL, SAME, OTHER = 1, 2, 3
+"""Which further estimate: the one that tries a sensor, and those that compete about the sign of an input."""
 RESTING = 3
 """The level of :class:`~hybrid_sysid_ros.control.safety.failsafe.LoopState`."""
 
 
 def observe(loop: PrintedLoop, time: float) -> bool:
     """The estimate of a measurement at ``time`` [s]; False while there is none."""
-    core, out, instance, progress = loop.memory[0][0], loop.out, loop.instance, loop.progress[0]
-    n, m, monitor = core.states, core.inputs, loop.monitor
+    progress, monitor, reversal = loop.progress[0], loop.monitor, loop.monitor.reversal
     watch, sensors = monitor.watch[0], monitor.sensors
+    given = np.zeros(len(loop.applied))
+    copy(loop.applied, given)
+    turn_applied(loop)
     any_left = screen(sensors, monitor.detectors, monitor.ring, loop.outputs, monitor.shown)
     if watch.astray and any_left:
         watch.astray = False
@@ -62,19 +67,14 @@ def observe(loop: PrintedLoop, time: float) -> bool:
         renew(sensors)
     if not estimate(loop, time):
         progress.status = WAITING
+        copy(given, loop.applied)
         return False
     progress.elapsed = 0.0
     if math.isfinite(time):
         first = math.isnan(progress.answered)
         progress.elapsed = loop.settings.period if first else max(time - progress.answered, 0.0)
         progress.answered = time if first else max(time, progress.answered)
-    for a in range(n):
-        instance.state[a] = out[n + a]
-    for j in range(m):
-        instance.disturbance[j] = out[2 * n + j]
-        for i in range(core.followed):
-            deviation = out[2 * n + m + i] - loop.initial.parameters[i]
-            instance.disturbance[j] += deviation * loop.initial.offsets[i, j]
+    _take_over(loop)
     if math.isfinite(time):
         elapsed = time_to_judge(watch, time)
         if elapsed > 0.0:
@@ -85,9 +85,35 @@ def observe(loop: PrintedLoop, time: float) -> bool:
                 and may_try(monitor.trial[0], sensors, monitor.shown)
             ):
                 _try_again(loop, time, elapsed)
+            if len(reversal) > 0 and may_compete(reversal[0], sensors, monitor.shown, monitor.reversible, elapsed):
+                _compete(loop, time, elapsed)
     progress.doubt = max(doubt_of(sensors), DIVERGED if watch.diverged else 0.0)
     progress.without = float(without(monitor.core[0], sensors))
+    progress.reversed = float(NONE)
+    if len(reversal) > 0:
+        progress.reversed = float(reversal[0].reversed)
+        progress.without += 0.0 if reversal[0].reversed == NONE else 1.0
+    copy(given, loop.applied)
     return True
+
+
+def turn_applied(loop: PrintedLoop) -> None:
+    """Make of applied inputs what acts of them, or the reverse."""
+    if len(loop.monitor.reversal) > 0:
+        turn_input(loop.applied, loop.monitor.reversal[0].reversed)
+
+
+def _take_over(loop: PrintedLoop) -> None:
+    """Take the newest estimate for the instance that is to be solved."""
+    core, out, instance = loop.memory[0][0], loop.out, loop.instance
+    n, m = core.states, core.inputs
+    for a in range(n):
+        instance.state[a] = out[n + a]
+    for j in range(m):
+        instance.disturbance[j] = out[2 * n + j]
+        for i in range(core.followed):
+            deviation = out[2 * n + m + i] - loop.initial.parameters[i]
+            instance.disturbance[j] += deviation * loop.initial.offsets[i, j]
 
 
 def _watch(loop: PrintedLoop, elapsed: float) -> None:
@@ -106,8 +132,8 @@ def _watch(loop: PrintedLoop, elapsed: float) -> None:
     watch_estimate(monitor.watch[0], monitor.sensors, loop.instance.disturbance, monitor.limits, elapsed)
 
 
-def exchange(loop: PrintedLoop) -> None:
-    """Let the other one of two estimates be the loop's. In C it is a pointer; Python has two objects."""
+def exchange(loop: PrintedLoop, which: int) -> None:
+    """Let a further estimate be the loop's, and that one the further one. In C it is a pointer; Python has objects."""
     raise NotImplementedError
 
 
@@ -117,7 +143,7 @@ def _try_again(loop: PrintedLoop, time: float, elapsed: float) -> None:
     tried, first = monitor.trial[0], 2 * core.states + core.inputs + core.followed + core.outputs + 1
     before = np.zeros(len(out))
     copy(out, before)
-    exchange(loop)
+    exchange(loop, TRIAL)
     if math.isnan(tried.agreed):
         forget_estimate(loop)
         renew(monitor.agreement)
@@ -128,9 +154,46 @@ def _try_again(loop: PrintedLoop, time: float, elapsed: float) -> None:
     if agrees(tried, monitor.core[0], monitor.agreement, monitor.shown, normalised, elapsed):
         readmit(monitor.sensors)
     else:
-        exchange(loop)
+        exchange(loop, TRIAL)
     copy(before, out)
     loop.progress[0].resets = resets
+
+
+def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
+    """Update the two that compete, as :meth:`.monitored_estimator.MonitoredEstimator._compete`."""
+    core, out, monitor, resets = loop.memory[0][0], loop.out, loop.monitor, loop.progress[0].resets
+    trial, first = monitor.reversal[0], 2 * core.states + core.inputs + core.followed + core.outputs + 1
+    before, same, anew = np.zeros(len(out)), np.zeros(core.outputs), math.isnan(trial.ratio)
+    copy(out, before)
+    if anew:
+        renew(monitor.judge)
+        trial.ratio = trial.sound = 0.0
+    exchange(loop, SAME)
+    _update_rival(loop, time, anew)
+    copy(out[first : first + core.outputs], same)
+    exchange(loop, SAME)
+    exchange(loop, OTHER)
+    turn_input(loop.applied, trial.tried)
+    _update_rival(loop, time, anew)
+    normalised = out[first : first + core.outputs]
+    if outweighs(trial, monitor.core[0], monitor.judge, monitor.shown, same, normalised, elapsed):
+        believe_other(trial, monitor.sensors)
+        monitor.watch[0].doubted = 0.0
+        if len(monitor.trial) > 0:
+            monitor.trial[0].agreed = math.nan
+        _take_over(loop)
+    else:
+        exchange(loop, OTHER)
+        turn_input(loop.applied, trial.tried)
+        copy(before, out)
+    loop.progress[0].resets = resets
+
+
+def _update_rival(loop: PrintedLoop, time: float, anew: bool) -> None:
+    if anew:
+        forget_estimate(loop)
+    copy(loop.monitor.shown, loop.outputs)
+    estimate(loop, time)
 
 
 def _times_left_out(loop: PrintedLoop) -> int:
@@ -144,7 +207,10 @@ def judge(loop: PrintedLoop) -> None:
     """The level that the newest estimate allows, and what acted as a measurement says."""
     core, progress, n = loop.memory[0][0], loop.progress[0], loop.memory[0][0].states
     ahead = loop.out[n : n + core.states]
-    guarding.judge(loop.guard, progress.doubt, progress.without, loop.applied, ahead, progress.elapsed)
+    doubt, missing, which = progress.doubt, progress.without, progress.reversed
+    turn_applied(loop)
+    guarding.judge(loop.guard, doubt, missing, which, loop.applied, ahead, progress.elapsed)
+    turn_applied(loop)
 
 
 def expect(loop: PrintedLoop, shown: Array) -> None:
@@ -172,6 +238,7 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
     core = guard.core[0]
     inputs, rest = np.zeros(m), np.zeros(m)
     find_rest(loop, rest)
+    guarding.turn(guard, loop.command)
     if core.level >= RESTING:
         progress.returning, progress.status = 1, RESTED
         assign(inputs, rest)
@@ -196,6 +263,7 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
     guarding.limit_rates(guard, inputs, loop.command, progress.elapsed)
     assign(loop.command, inputs)
     guarding.remember(guard, loop.command)
+    guarding.turn(guard, loop.command)
     progress.noted = 1
 
 
@@ -216,15 +284,18 @@ def find_rest(loop: PrintedLoop, inputs: Array) -> None:
 def find_plan_at_rest(loop: PrintedLoop) -> None:
     """:func:`find_rest`, in place of the plan's first inputs."""
     find_rest(loop, loop.plan)
+    guarding.turn(loop.guard, loop.plan)
 
 
 def sent(loop: PrintedLoop) -> None:
     """Take in that the command that was sent is another one."""
     progress, guard, m = loop.progress[0], loop.guard, len(loop.command)
+    guarding.turn(guard, loop.command)
     if progress.noted == 0:
         guarding.remember(guard, loop.command)
     for j in range(m):
         guard.sent[guard.core[0].row * m + j] = loop.command[j]
+    guarding.turn(guard, loop.command)
     progress.noted = 0
 
 
@@ -311,10 +382,10 @@ def rebase(loop: PrintedLoop) -> float:
     """Count time, and the integrals of inputs, from the newest measurement on; return its time until now [s]."""
     by = loop.stamps[0].newest
     _shift(loop, by)
-    if len(loop.monitor.trial) > 0:
-        exchange(loop)
+    for which in range(1, loop.monitor.estimates):
+        exchange(loop, which)
         _shift(loop, by)
-        exchange(loop)
+        exchange(loop, which)
     loop.progress[0].answered -= by
     loop.monitor.watch[0].last -= by
     return by

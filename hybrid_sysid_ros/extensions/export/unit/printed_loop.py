@@ -17,18 +17,18 @@ from hybrid_sysid_ros.support.arrays import Array
 PROGRESS = np.dtype(
     [
         *((name, "i8") for name in ("planned", "fresh", "status", "resets", "returning", "noted")),
-        *((name, "f8") for name in ("age", "answered", "elapsed", "doubt", "without")),
+        *((name, "f8") for name in ("age", "answered", "elapsed", "doubt", "without", "reversed")),
     ]
 )
 """What a loop remembers beside its arrays: how its command was found, and the age [s] of a plan below which a
 stabiliser acts. answered, elapsed: stamp of the newest measurement that was, and the time since the one before [s].
-returning: whether the loop comes back from rest. noted: whether the guard has taken in the command. doubt, without: of
-the estimate.
+returning: whether the loop comes back from rest. noted: whether the guard has taken in the command. doubt, without,
+reversed: of the estimate.
 """
 STAMPS = np.dtype([("started", "i8"), ("last", "f8"), ("newest", "f8")])
 """Of an estimate: whether it has begun, stamps [s] of its last measurement and of the newest one."""
 FILTER = ("stamps", "core", "moments", "readings", "past", "belief_means", "belief_roots", "belief_applied")
-"""Arrays that an estimate remembers from one measurement to the next; a second estimate has its own."""
+"""Arrays that an estimate remembers from one measurement to the next; each further estimate has its own."""
 
 WAITING, RESTED = 0, 7
 """The status while there is no estimate, and while the guard rests the inputs; the others are those of

@@ -26,10 +26,12 @@ WIDTH = 118
 
 
 class Printer:
-    """Prints what a translator has translated. twice: names of arrays that the unit has twice, as two estimates do."""
+    """Prints what a translator has translated. several: names of arrays of which the unit has as many as estimates.
+    count: of these.
+    """
 
-    def __init__(self, translator: Translation, twice: Sequence[str] = ()) -> None:
-        self.translator, self.twice = translator, twice
+    def __init__(self, translator: Translation, several: Sequence[str] = (), count: int = 1) -> None:
+        self.translator, self.several, self.count = translator, several if count > 1 else (), count
         self.rig, self.layout = translator.rig, translator.layout
         self._functions = {item.name: item for item in translator.functions.values()}
         self._remembering: dict[str, bool] = {"unit": True}
@@ -69,11 +71,11 @@ class Printer:
 
     def memory(self) -> str:
         """Members of the unit's memory."""
-        return "\n".join(self._member(name) for name in self.written if name not in self.twice)
+        return "\n".join(self._member(name) for name in self.written if name not in self.several)
 
     def filter(self) -> str:
-        """The type of what the unit has twice."""
-        lines = [self._member(name) for name in self.written if name in self.twice]
+        """The type of what the unit has for each estimate."""
+        lines = [self._member(name) for name in self.written if name in self.several]
         return "\n".join(["typedef struct {", *lines, f"}} {self.rig}_filter;", ""])
 
     def _member(self, name: str) -> str:
@@ -84,7 +86,7 @@ class Printer:
         """An array in C."""
         if not self.layout.places[name].written:
             return f"{self.rig}_{name}"
-        return f"unit->filter->{name}" if name in self.twice else f"unit->{name}"
+        return f"unit->filter->{name}" if name in self.several else f"unit->{name}"
 
     # ------------------------------------------------------------------ constants
 
@@ -94,14 +96,16 @@ class Printer:
 
     def beginnings(self) -> tuple[str, str]:
         """Constants with which arrays begin, and the lines that copy them."""
-        tables, lines, twice = list[str](), list[str](), list[str]()
+        tables, lines, several = list[str](), list[str](), list[str]()
         for name in self.written:
             table, own = self._beginning(name)
             tables += table
-            (twice if name in self.twice else lines).extend(own)
-        if self.twice:
-            lines += ["    for (int k = 0; k < 2; k++) {", "        unit->filter = &unit->filters[k];"]
-            lines += [textwrap.indent(line, "    ") for line in twice] + ["    }"]
+            (several if name in self.several else lines).extend(own)
+        if self.several:
+            lines += [f"    for (int k = 0; k < {self.count}; k++) {{", "        unit->filter = &unit->filters[k];"]
+            lines += [textwrap.indent(line, "    ") for line in several] + ["    }"]
+            lines += [f"    for (int k = 1; k < {self.count}; k++) {{"]
+            lines += ["        unit->further[k - 1] = &unit->filters[k - 1];", "    }"]
         return "\n".join(tables), "\n".join(lines)
 
     def begun_again(self, prefix: str) -> str:

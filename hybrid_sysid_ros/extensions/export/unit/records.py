@@ -15,6 +15,7 @@ from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGo
 from hybrid_sysid_ros.control.safety.guarding import GuardedInput, GuardMemory, GuardRecord, StateRange
 from hybrid_sysid_ros.estimation.frozen_sensor import FrozenSensorDetector
 from hybrid_sysid_ros.estimation.monitored_estimator import EstimateWatch, MonitoredEstimator, SensorTrial
+from hybrid_sysid_ros.estimation.reversed_input import ReversalTrial
 from hybrid_sysid_ros.estimation.sensor_monitor import MonitoredSensor, MonitorRecord
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -29,6 +30,7 @@ RECORD_NAMES = {
     FrozenSensorDetector: "detector_record",
     EstimateWatch: "watch_record",
     SensorTrial: "trial_record",
+    ReversalTrial: "reversal_record",
     MonitoredSensor: "sensor_record",
     MonitorRecord: "monitor_record",
 }
@@ -75,11 +77,20 @@ class SensorWatch(NamedTuple):
     """(1,) of :class:`SensorTrial`; (0,) where no sensor can be left out, and so there is no second estimate."""
     agreement: Any
     """(p,), the sensors as the second estimate judges them; (0,)."""
+    reversal: Any
+    """(1,) of :class:`ReversalTrial`; (0,) where no input may be reversed, and so no two estimates compete."""
+    judge: Any
+    """(p,), the sensors as the estimate with the other sign judges them; (0,)."""
+    reversible: Array
+    """(m,): 1 for an input that may be."""
+    estimates: int
+    """How many there are in all."""
 
 
 def watch_records(estimator: MonitoredEstimator) -> SensorWatch:
     """The memory of what watches an estimate."""
     monitor, count = estimator.monitor, 0 if estimator.trial is None else 1
+    competing = 1 if estimator.rivals else 0
     return SensorWatch(
         core=records([monitor.record]),
         watch=records([estimator.watch]),
@@ -90,4 +101,8 @@ def watch_records(estimator: MonitoredEstimator) -> SensorWatch:
         limits=estimator.limits.copy(),
         trial=records([estimator.tried])[:count],
         agreement=records(estimator.agreement.sensors)[: count * len(monitor.sensors)],
+        reversal=records([estimator.reversal])[:competing],
+        judge=records(estimator.judge.sensors)[: competing * len(monitor.sensors)],
+        reversible=np.array(estimator.settings.reversible, dtype=float),
+        estimates=4 if competing else 1 + count,
     )

@@ -22,8 +22,9 @@ UNKNOWN = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)
 """Applied inputs that no rig has. A million moves an unstable rig to 1e60, where rounding decides the sign."""
 
 
-FAULTS = ("flipped", "frozen", "outliers", "silent", "stuck")
-"""What the last sensor, then all, and in the end the actuators do in a loop with faults, one after the other."""
+FAULTS = ("flipped", "frozen", "outliers", "silent", "reversed", "stuck")
+"""What the last sensor, all, the last actuator, and in the end all of them do in a loop with faults, one after the
+other."""
 SPELL = 200
 """Periods for each fault: the second half of these has it."""
 
@@ -67,8 +68,9 @@ def recorded(
         answers.append(loop.step(*questions[-1][:4]))
         loop.prepare(period)
         applied = applied if fault == "stuck" else answers[-1].inputs
+        acting = np.where(np.arange(len(applied)) == len(applied) - 1, -applied, applied)
         for _ in range(round(period / plant.step)):
-            plant.advance(applied)
+            plant.advance(acting if fault == "reversed" else applied)
     return questions, answers
 
 

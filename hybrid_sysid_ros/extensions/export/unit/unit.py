@@ -48,10 +48,13 @@ RECORDS += [
 ]
 OF_FLOATS = {"RISE": 1e-6, "DIFFERENCE": 3.5e-4, "VIOLATION": 1e-5, "INPUT_ROUNDING": 1e-6, "WAIT_ROUNDING": 1e-6}
 """Constants of kernels that the rounding of doubles chose, for that of floats, 1e-7; the second is its root."""
-EXCHANGE = """/* Let the other one of two estimates be the loop's: the second one tries sensors that were left out. */
-static void @{name}_exchange(@{name}_memory *unit)
+EXCHANGE = """/* Let a further estimate be the loop's, and that one the further one. */
+static void @{name}_exchange(@{name}_memory *unit, int which)
 {
-    unit->filter = unit->filter == unit->filters ? unit->filters + 1 : unit->filters;
+    @{name}_filter *other = unit->further[which - 1];
+
+    unit->further[which - 1] = unit->filter;
+    unit->filter = other;
 }
 """
 NARROW = {"WIDE": 8, "HALF": 8}
@@ -192,7 +195,7 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
             if name in layout.places:  # there may be no rows
                 layout.places[name].write()
                 layout.used.add(name)
-        return Printer(translator, FILTER if loop.monitor.trial.size else ())
+        return Printer(translator, FILTER, loop.monitor.estimates)
 
 
 def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Array]) -> None:
@@ -235,7 +238,7 @@ def texts(
     n, m = len(instance.state), len(instance.previous)
     functions = printer.functions()
     beginnings, copies = printer.beginnings()
-    variables, rows = len(program.gradient), len(program.rows)
+    variables, rows, count = len(program.gradient), len(program.rows), printer.count
     soft_tables, soft_lines = _soft(printer, soft)
     values = {
         "name": rig,
@@ -249,10 +252,10 @@ def texts(
         "outputs": p,
         "horizon": horizon,
         "preview": n + 2 * m,
-        "records": printer.records() + (printer.filter() if printer.twice else ""),
+        "records": printer.records() + (printer.filter() if count > 1 else ""),
         "memory": printer.memory(),
-        "filters": f"    {rig}_filter filters[2];\n    {rig}_filter *filter;\n" if printer.twice else "",
-        "exchange": Text(EXCHANGE).substitute(name=rig) if printer.twice else "",
+        "filters": f"    {rig}_filter filters[{count}], *filter, *further[{count - 1}];\n" if count > 1 else "",
+        "exchange": Text(EXCHANGE).substitute(name=rig) if count > 1 else "",
         "arena": _arena(variables, rows, int(np.sum(program.states & SOFT != 0))),
         "structures": printer.structures(),
         "tables": printer.tables(),

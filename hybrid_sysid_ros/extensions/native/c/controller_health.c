@@ -16,7 +16,10 @@ const char *doubt_in_words(void)
 {
     const int cause = unit.guard_failsafe[0].cause;
 
-    return cause < 0 ? "a sensor is missing or left out" : doubts[cause];
+    if (cause < 0) {
+        return unit.guard_core[0].reversed < 0 ? "a sensor is missing or left out" : INPUT_REVERSED;
+    }
+    return doubts[cause];
 }
 
 static troubles loop_troubles, policy_troubles;

@@ -149,10 +149,11 @@ static void pack(const double *applied)
         numbers[at++] = (double)estimation.newest.answer.disturbance[k];
     }
     for (k = 0; k < INPUTS; k++) {
-        numbers[at++] = applied[k];
+        numbers[at++] = k == (int)unit.progress[0].reversed ? -applied[k] : applied[k];
     }
     numbers[at++] = unit.progress[0].doubt;
     numbers[at++] = unit.progress[0].without;
+    numbers[at++] = unit.progress[0].reversed;
     for (k = 0; k < FOLLOWED; k++) {
         numbers[at++] = (double)unit.out[2 * STATES + INPUTS + k];
     }

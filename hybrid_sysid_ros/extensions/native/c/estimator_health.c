@@ -70,6 +70,16 @@ static void judge_model(task *own)
     }
 }
 
+/* Say what has been found before what a task says else. */
+static void task_found(task *own, const char *found)
+{
+    char words[2 * WORDS];
+
+    snprintf(words, sizeof words, "%s%s%s", found, own->level == OK ? "" : "; ", own->level == OK ? "" : own->message);
+    snprintf(own->message, sizeof own->message, "%.*s", (int)sizeof own->message - 1, words);
+    own->level = own->level < WARN ? WARN : own->level;
+}
+
 int estimator_health(task *tasks)
 {
     task *loop = &tasks[0], *sensor = &tasks[1];
@@ -130,10 +140,12 @@ int estimator_health(task *tasks)
         }
     }
     if (*out) {
-        snprintf(words, sizeof words, "%.200s contradicts the model and is left out%s%.300s", out,
-                 sensor->level == OK ? "" : "; ", sensor->level == OK ? "" : sensor->message);
-        snprintf(sensor->message, sizeof sensor->message, "%s", words);
-        sensor->level = sensor->level < WARN ? WARN : sensor->level;
+        snprintf(words, sizeof words, "%.200s contradicts the model and is left out", out);
+        task_found(sensor, words);
+    }
+    if (unit.progress[0].reversed >= 0.0) {
+        snprintf(words, sizeof words, "input %.64s acts reversed", input_names[(int)unit.progress[0].reversed]);
+        task_found(sensor, words);
     }
     task_whole(sensor, "invalid_entries", estimation.invalid);
     task_whole(sensor, "unknown_inputs", estimation.unknown);
