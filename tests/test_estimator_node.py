@@ -22,7 +22,7 @@ from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.validation import Reason
 from tests.node_bench import Bench, joint, stamp_of
 
-VALIDITY = ["beam_applied", "doubt", "sensors_left_out"]
+VALIDITY = ["beam_applied", "doubt", "sensors_left_out", "input_reversed"]
 """Entries of an estimate that say how far to trust it."""
 
 

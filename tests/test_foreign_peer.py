@@ -121,5 +121,6 @@ def test_a_foreign_driver_is_answered_with_estimates(
         return len(found) > 30
 
     bench.until(answered)
-    assert list(found[-1].name) == ["beam", "beam_ahead", "beam_applied", "doubt", "sensors_left_out"]
+    validity = ["doubt", "sensors_left_out", "input_reversed"]
+    assert list(found[-1].name) == ["beam", "beam_ahead", "beam_applied", *validity]
     assert found[-1].position[0] == pytest.approx(0.01, abs=1e-3)

@@ -55,6 +55,14 @@ def test_an_estimate_that_lacks_a_sensor_is_driven_slowly(wheel: Wheel) -> None:
     assert wheel.controller.loop_state is LoopState.SLOWED
 
 
+def test_an_input_that_acts_reversed_is_sent_with_the_other_sign(wheel: Wheel) -> None:
+    assert wheel.command(0.0) == pytest.approx(4.0)
+    assert wheel.command(0.0, sensors_left_out=1.0, input_reversed=0.0) == pytest.approx(-2.5), "and slowly"
+    task = wheel.controller.health()[0]
+    assert "slowed: an input acts reversed" in task.message
+    assert wheel.command(0.0, sensors_left_out=0.0, input_reversed=-1.0) > 0.0
+
+
 def test_an_emergency_stop_stays_until_it_is_reset_and_armed(wheel: Wheel) -> None:
     speaker = wheel.bench.probe.create_publisher(Bool, "estop", 10)
     wheel.bench.until(speaker.get_subscription_count)

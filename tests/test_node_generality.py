@@ -122,7 +122,8 @@ def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_p
     names = list(loop.estimates[-1].name)
     hidden = [item.name for item in rig.system.states if item.name not in ("motor_angle", "link_angle")][2:]
     ahead = ["motor_ahead", "link_ahead", *(f"{name}_ahead" for name in hidden)]
-    assert names == ["motor", "link", *hidden, *ahead, "motor_applied", "doubt", "sensors_left_out"]
+    validity = ["doubt", "sensors_left_out", "input_reversed"]
+    assert names == ["motor", "link", *hidden, *ahead, "motor_applied", *validity]
     point = loop.references[0].points[0]
     assert loop.references[0].joint_names == ["link"]
     assert (len(point.positions), len(point.velocities)) == (0, 1)

@@ -18,6 +18,7 @@ from hybrid_sysid_ros.control.safety.failsafe import (
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
 from hybrid_sysid_ros.control.safety.guard import Guard, GuardSettings
 from hybrid_sysid_ros.control.safety.guarding import RETURN
+from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST
 
 LADDER = Ladder(slowed=0.1, holding=0.2, resting=0.3)
@@ -35,8 +36,8 @@ def guard(**changes):
     return Guard(GuardSettings(**given))
 
 
-def judge(found, steps, *, doubt=0.0, without=0.0, applied=UNKNOWN, state=(0.0, 0.0)):
-    return [found.judge(doubt, without, applied, np.array(state), STEP) for _ in range(steps)]
+def judge(found, steps, *, doubt=0.0, without=0.0, reversed=NONE, applied=UNKNOWN, state=(0.0, 0.0)):
+    return [found.judge(doubt, without, reversed, applied, np.array(state), STEP) for _ in range(steps)]
 
 
 def test_evidence_climbs_the_ladder_one_level_after_the_other():
@@ -47,6 +48,20 @@ def test_evidence_climbs_the_ladder_one_level_after_the_other():
         assert levels.index(level) == pytest.approx(after / 0.01 - 1, abs=1)
     assert levels == sorted(levels)
     assert failsafe.cause == 0
+
+
+def test_a_reversed_input_is_turned_and_its_past_commands_are_what_acted():
+    found = guard(low=np.array([-10.0]), high=np.array([4.0]))
+    found.commanded(np.array([3.0]))
+    judge(found, 1, applied=np.array([3.0]))
+    judge(found, 1, without=1.0, reversed=0, applied=np.array([-3.0]))
+    assert found.evidence["actuator"] == 0.0
+    assert found.turned(np.array([2.0])) == -2.0
+    assert found.turned(np.array([-9.0])) == 4.0, "within its bounds"
+    assert found.level is LoopState.DRIVING
+    assert "acts reversed" in found.reason
+    judge(found, 1, reversed=math.nan)
+    assert found.turned(np.array([2.0])) == -2.0, "an estimate that says nothing changes nothing"
 
 
 def test_the_way_back_has_hysteresis_and_takes_a_known_time():
@@ -132,7 +147,7 @@ def test_an_actuator_has_the_same_time_at_any_rate_of_commands(step):
     found.commanded(np.array([8.0]))
     late = []
     for _ in range(round(2.0 * allowed / step)):
-        found.judge(0.0, 0.0, np.zeros(1), np.zeros(2), step)
+        found.judge(0.0, 0.0, NONE, np.zeros(1), np.zeros(2), step)
         found.commanded(np.array([8.0]))
         late.append(found.evidence["actuator"] > 0.0)
     assert late.index(True) * step == pytest.approx(allowed, abs=2.0 * step)

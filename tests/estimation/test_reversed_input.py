@@ -1,0 +1,116 @@
+"""Inputs that act with the other sign: on a cart on a line, where all is known in closed form, and on the vehicle."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
+from hybrid_sysid_ros.estimation.reversed_input import MOST, NONE, RATIO, ReversalTrial, may_compete, outweighs
+from hybrid_sysid_ros.estimation.sensor_monitor import SensorMonitor
+from hybrid_sysid_ros.estimation.tuning import Tuning
+
+PERIOD, NOISE, PUSH = 0.01, 0.001, 2.0
+
+
+class PushedCart(System):
+    """x' = v, v' = a: both are measured."""
+
+    states = ("place [m]", "speed [m/s]")
+    inputs = ("push [m/s^2]",)
+    outputs = ("place", "speed")
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[1], u[0]
+
+
+def estimator(reversible=1.0):
+    return MonitoredEstimator(
+        ExtendedKalmanFilter,
+        PushedCart(),
+        Tuning(
+            measurement_noise=(NOISE, NOISE), process_noise=(1e-4, 1e-3), disturbance_noise=(0.1,),
+            disturbance_limit=(1.0,), initial_deviation=(0.1, 0.1),
+        ),
+        MonitorSettings(
+            largest=(9.0, 9.0), least=(0.0, 0.0), leave_after=0.1, timeout=0.5, frozen_after=1.0,
+            white_noise=(0.0, 0.0), doubt_disturbance=False, reversible=(reversible,),
+        ),
+        period=PERIOD,
+        latency=0.0,
+    )  # fmt: skip
+
+
+def driven(found, *, signs, first=0, state=(0.0, 0.0), bias=0.0, seed=0):
+    """Which input is reversed, and the speed's error, sample by sample of a cart whose input acts with these signs."""
+    (x, v), random, known, errors, u = state, np.random.default_rng(seed), [], [], 0.0
+    for k, sign in enumerate(signs, first):
+        readings = np.array([x, v]) + NOISE * random.standard_normal(2) + np.array([0.0, bias])
+        estimate = found.update(k * PERIOD, readings, np.array([u]))
+        known.append(found.reversal.reversed)
+        errors.append(estimate.state[1] - v)
+        u = PUSH * math.sin(7.0 * k * PERIOD)
+        x, v = x + PERIOD * v + 0.5 * PERIOD**2 * sign * u, v + PERIOD * sign * u
+    return np.array(known), np.array(errors)
+
+
+def test_an_input_that_turns_is_known_by_its_index_and_later_by_its_own_sign_again():
+    known, errors = driven(estimator(), signs=[1.0] * 200 + [-1.0] * 200 + [1.0] * 200)
+    assert (known[:200] == NONE).all()
+    assert (known[240:400] == 0).all(), "within .4 s"
+    assert (known[440:] == NONE).all()
+    assert np.abs(errors[240:400]).max() < 5.0 * NOISE
+
+
+def test_without_a_fault_and_for_a_sensor_s_offset_no_input_is_reversed():
+    assert (driven(estimator(), signs=[1.0] * 400)[0] == NONE).all()
+    found = estimator()
+    driven(found, signs=[1.0] * 200)
+    assert (driven(found, signs=[1.0] * 200, first=200, bias=0.5)[0] == NONE).all()
+
+
+def test_an_input_that_may_not_be_reversed_is_not_tried():
+    found = estimator(reversible=0.0)
+    assert not found.rivals
+    assert (driven(found, signs=[1.0] * 200 + [-1.0] * 200)[0] == NONE).all()
+
+
+def test_the_ratio_is_that_of_two_normal_densities():
+    """log N(e'; 0, V) / N(e; 0, V) = (e^2 - e'^2) / 2 V, added up, and never below zero."""
+    monitor = SensorMonitor([False], [1.0], largest=[3.0], least=[0.0], leave_after=0.1, timeout=1.0)
+    trial, random, expected = ReversalTrial(tried=0, ratio=0.0), np.random.default_rng(1), 0.0
+
+    def weigh(one, other):
+        given = [0.0], [one], [other], PERIOD
+        return outweighs(trial, monitor.record, monitor.sensors, *given)
+
+    for one, other in random.normal(size=(50, 2)) * [3.0, 1.0]:
+        weigh(one**2, other**2)
+        expected = max(expected + 0.5 * (min(one**2, MOST) - other**2), 0.0)
+        assert trial.ratio == pytest.approx(expected)
+    trial.ratio, trial.sound = 0.0, 1.0
+    needed = math.ceil(RATIO / (0.5 * (MOST - 1.0)) + 1e-9)
+    assert [weigh(1e6, 1.0) for _ in range(needed)] == [False] * (needed - 1) + [True], "one wild reading is not enough"
+    assert not weigh(1e6, 1e6), "an estimate that the sensors contradict is not believed"
+
+
+def test_inputs_are_tried_one_after_the_other_and_one_that_is_reversed_for_its_own_sign():
+    monitor = SensorMonitor([False], [1.0], largest=[9.0], least=[0.0], leave_after=0.1, timeout=1.0)
+    monitor.sensors[0].large, trial, tried = 2.0, ReversalTrial(), []
+    for _ in range(3):
+        trial.ratio = math.nan
+        assert may_compete(trial, monitor.sensors, [0.0], [1.0, 0.0, 1.0], PERIOD)
+        tried.append(trial.tried)
+    assert tried == [0, 2, 0]
+    trial.ratio, trial.reversed = math.nan, 2
+    assert may_compete(trial, monitor.sensors, [0.0], [1.0, 0.0, 1.0], PERIOD)
+    assert trial.tried == 2
+    monitor.sensors[0].large = 0.0
+    lasting = [may_compete(trial, monitor.sensors, [0.0], [1.0, 0.0, 1.0], PERIOD) for _ in range(30)]
+    trial.ratio = 0.0
+    assert not may_compete(trial, monitor.sensors, [0.0], [1.0, 0.0, 1.0], PERIOD)
+    assert not lasting[-1]
