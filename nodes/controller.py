@@ -229,9 +229,8 @@ class ControllerNode(RigNode):
         if self.adapter.followed.names and (parameters := self.entry.read(joints, self.adapter.followed)) is not None:
             self.adapter.adapt(parameters)
         preview = self.reference(stamp, level, elapsed)
-        adapter = self.adapter
-        before = adapter.guard.turned(self.input)
-        plan = adapter.controller.control(adapter.state, adapter.disturbance, before, preview)
+        adapter, guard = self.adapter, self.adapter.guard
+        plan = adapter.controller.control(adapter.state, adapter.disturbance, guard.turned(self.input), preview)
         layer = LAYERS[plan.status]
         self.statuses[plan.status.value] += 1
         if layer not in STANDING_IN:
@@ -241,12 +240,11 @@ class ControllerNode(RigNode):
             return None
         self.become(state)
         self.layers[layer] += 1
-        guard = self.adapter.guard
-        command = guard.slowed(plan.input, self.adapter.at_rest()) if guard.slows else plan.input
+        command = guard.slowed(plan.input, adapter.at_rest()) if guard.slows else plan.input
         taken = perf_counter() - began
         self.send(command)
         self.execution.add(taken)
-        self.adapter.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
+        adapter.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
         self.answered = stamp
         return plan
 

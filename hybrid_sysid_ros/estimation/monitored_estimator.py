@@ -172,9 +172,8 @@ class MonitoredEstimator:
     filter: the estimator. monitor: see :class:`~.sensor_monitor.SensorMonitor`. frozen: a detector for each output.
     shown: the readings of the newest measurement (p,), NaN where a sensor is frozen. outputs: those that were used.
     watch: see :class:`EstimateWatch`. trial, agreement, tried: the second estimator, None where no sensor can be left
-    out, its monitor, and what came of it. rivals, judge, reversal: the two that compete about the sign of an input, none
-    where no input may be reversed, the monitor of the one with the other sign, and what came of it:
-    :mod:`~.reversed_input`.
+    out, its monitor, and what came of it. rivals, judge, reversal: the two of :mod:`~.reversed_input`, none where no
+    input may be reversed, the monitor of the one with the other sign, and what came of it.
     """
 
     def __init__(

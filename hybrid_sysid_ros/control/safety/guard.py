@@ -108,8 +108,8 @@ class Guard:
     def judge(
         self, doubt: float, without: float, reversed: float, applied: Array, state: Array, elapsed: float
     ) -> LoopState:
-        """The level from an estimate. doubt, without, reversed: of the estimator, NaN where it says nothing. applied (m,):
-        inputs that acted, NaN where that is not known. state (n,). elapsed: since the last estimate [s].
+        """The level from an estimate. doubt, without, reversed: of the estimator, NaN where it says nothing. applied
+        (m,): inputs that acted, NaN where that is not known. state (n,). elapsed: since the last estimate [s].
         """
         given = applied.tolist(), state.tolist(), elapsed
         return LoopState(guarding.judge(self.memory, doubt, without, reversed, *given))

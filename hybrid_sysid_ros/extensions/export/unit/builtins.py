@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core import call, registers
 from hybrid_sysid_ros.estimation import belief
 from hybrid_sysid_ros.extensions.export.unit.assignments import FRESH, ZEROS
 from hybrid_sysid_ros.extensions.export.unit.body import FunctionBody
-from hybrid_sysid_ros.extensions.export.unit.loop_kernels import exchange
+from hybrid_sysid_ros.extensions.export.unit.observation_kernels import exchange
 from hybrid_sysid_ros.extensions.export.unit.values import (
     BOOL,
     INT,

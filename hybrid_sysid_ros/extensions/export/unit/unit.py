@@ -19,6 +19,7 @@ from hybrid_sysid_ros.estimation.belief import CHANNEL, CORE, MOMENT, READING
 from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.unit import loop_kernels as kernels
 from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout
+from hybrid_sysid_ros.extensions.export.unit.observation_kernels import observe
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import (
     FILTER,
     PROGRESS,
@@ -173,7 +174,7 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
         layout = layout_of(RECORDS, mutable)
         _name_arrays(layout, loop, arrays)
         translator = Translator(layout, rig, "f" if single else "", constants)
-        translator.call(kernels.observe, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
+        translator.call(observe, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
         translator.call(kernels.decide, [KnownValue(loop), NumberValue(BOOL, "governed")])  # type: ignore[arg-type]
         for kernel in (kernels.expect_outputs, kernels.judge, kernels.find_plan_at_rest, kernels.sent, kernels.lead):
             translator.call(kernel, [KnownValue(loop)])  # type: ignore[arg-type]
@@ -269,7 +270,7 @@ def texts(
         "single": "#ifndef DAQP_SINGLE_PRECISION\n#define DAQP_SINGLE_PRECISION\n#endif\n" if translator.suffix else "",
         "rebase": _rebased(printer) if translator.suffix else "",
         "soft": soft_lines,
-        "observe": printer.entry(kernels.observe, f"({rig}_real)(measurement->time - unit->origin)"),
+        "observe": printer.entry(observe, f"({rig}_real)(measurement->time - unit->origin)"),
         "expect": printer.entry(kernels.expect_outputs, ""),
         "judge": printer.entry(kernels.judge, ""),
         "decide": printer.entry(kernels.decide, "now != NULL"),
