@@ -23,6 +23,7 @@ from hybrid_sysid_ros.estimation.reversed_input import (
     turn_input,
 )
 from hybrid_sysid_ros.estimation.sensor_monitor import (
+    AGREED,
     MonitoredSensor,
     MonitorRecord,
     SensorMonitor,
@@ -46,9 +47,6 @@ ASTRAY = 0.3
 diverged and would converge slowly."""
 SOUND = 3.0
 """Mean square of normalised innovations within which an estimate agrees with a sensor: 1 is expected."""
-AGREED = 0.2
-"""Time [s], and ENOUGH readings at least, for which a second estimate, of all sensors, must have agreed with them
-before one that was left out is used again: an estimate that has begun anew believes them all at first."""
 GAP = 3.5
 """Periods without a measurement, after which innovations say nothing against the sensors for a while."""
 
@@ -67,7 +65,7 @@ class MonitorSettings:
     """(p,): by which a sensor is known to be too still [output unit], 0 where it may be."""
     doubt_disturbance: bool
     """Whether a disturbance at its limit is evidence."""
-    reversible: Sequence[float]
+    reversible: list[float]
     """(m,): 1 for an input that may act with the other sign, and is then given it, 0 for others."""
 
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.estimation.sensor_monitor import (
-    AVERAGE,
+    AGREED,
     MonitoredSensor,
     MonitorRecord,
     is_any_left_out,
@@ -35,7 +35,8 @@ innovations of a real rig are neither white nor normal, and the filters are aske
 MOST = 50.0
 """Normalised square beyond which an innovation counts no more: one wild reading must not be enough."""
 QUIET = 0.2
-"""Time [s] without evidence against the loop's estimate after which the other two are given up."""
+"""Time [s] without evidence against the loop's estimate after which the other two are given up. They do not begin anew
+before: with many beginnings one of them wins by chance."""
 
 
 @dataclass(slots=True)
@@ -100,7 +101,7 @@ def outweighs(
     trial.ratio = max(trial.ratio + gain, 0.0)
     judge_sensors(monitor, sensors, shown, other, shown, elapsed)  # none of them is ever left out
     trial.sound = 0.0 if is_contradicted(sensors) else trial.sound + elapsed
-    return trial.ratio > RATIO and trial.sound > AVERAGE
+    return trial.ratio > RATIO and trial.sound > AGREED
 
 
 def believe_other(trial: ReversalTrial, sensors: Sequence[MonitoredSensor]) -> None:

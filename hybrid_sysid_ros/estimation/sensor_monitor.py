@@ -33,6 +33,9 @@ model at once, it is more likely that the model or an actuator is wrong. One aft
 SUDDEN = 2.0
 """Multiple of the largest mean square that is still plausible, by which a first suspicious reading has jumped: what an
 actuator does shows in a sensor by and by. Found by trial on rehearsed faults."""
+AGREED = 0.2
+"""Time [s] for which another estimate, of all sensors, must have agreed with them before it is the loop's, and a sensor
+that was left out is used again: an estimate that has begun anew believes them all at first."""
 BLIND = 1e15
 """Factor on the deviation of a sensor's noise that makes it tell nothing."""
 

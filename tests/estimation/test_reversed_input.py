@@ -38,7 +38,7 @@ def estimator(reversible=1.0):
         ),
         MonitorSettings(
             largest=(9.0, 9.0), least=(0.0, 0.0), leave_after=0.1, timeout=0.5, frozen_after=1.0,
-            white_noise=(0.0, 0.0), doubt_disturbance=False, reversible=(reversible,),
+            white_noise=(0.0, 0.0), doubt_disturbance=False, reversible=[reversible],
         ),
         period=PERIOD,
         latency=0.0,
