@@ -5,8 +5,9 @@ sign of one input alone. The logarithm of their likelihood ratio is a sum over t
 
     L+ = max(L + sum (min(e^2 / V, MOST) - min(e'^2 / V', MOST)) / 2, 0)
 
-where those of the other sign have a prime; log V'/V is left out, since the input hardly moves a variance. Sources: Wald
-(1945), Sequential tests of statistical hypotheses, Annals of Mathematical Statistics 16(2); Page (1954), Biometrika 41.
+where those of the other sign have a prime, and begins anew where the sensors contradict that one: where both are wrong,
+chance decides. log V'/V is left out, since the input hardly moves a variance. Sources: Wald (1945), Sequential tests of
+statistical hypotheses, Annals of Mathematical Statistics 16(2); Page (1954), Biometrika 41.
 """
 
 from __future__ import annotations
@@ -98,9 +99,10 @@ def outweighs(
     for k in range(len(sensors)):
         if math.isfinite(same[k]) and math.isfinite(other[k]):
             gain += 0.5 * (min(same[k], MOST) - min(other[k], MOST))
-    trial.ratio = max(trial.ratio + gain, 0.0)
     judge_sensors(monitor, sensors, shown, other, shown, elapsed)  # none of them is ever left out
-    trial.sound = 0.0 if is_contradicted(sensors) else trial.sound + elapsed
+    contradicted = is_contradicted(sensors)
+    trial.ratio = 0.0 if contradicted else max(trial.ratio + gain, 0.0)
+    trial.sound = 0.0 if contradicted else trial.sound + elapsed
     return trial.ratio > RATIO and trial.sound > AGREED
 
 

@@ -88,14 +88,16 @@ def test_the_ratio_is_that_of_two_normal_densities():
         given = [0.0], [one], [other], PERIOD
         return outweighs(trial, monitor.record, monitor.sensors, *given)
 
-    for one, other in random.normal(size=(50, 2)) * [3.0, 1.0]:
+    for one, other in random.normal(size=(50, 2)) * [3.0, 0.8]:
         weigh(one**2, other**2)
         expected = max(expected + 0.5 * (min(one**2, MOST) - other**2), 0.0)
         assert trial.ratio == pytest.approx(expected)
+    assert expected > RATIO
     trial.ratio, trial.sound = 0.0, 1.0
     needed = math.ceil(RATIO / (0.5 * (MOST - 1.0)) + 1e-9)
     assert [weigh(1e6, 1.0) for _ in range(needed)] == [False] * (needed - 1) + [True], "one wild reading is not enough"
-    assert not weigh(1e6, 1e6), "an estimate that the sensors contradict is not believed"
+    assert not weigh(1e6, 1e6)
+    assert trial.ratio == 0.0, "where both are wrong, chance decides"
 
 
 def test_inputs_are_tried_one_after_the_other_and_one_that_is_reversed_for_its_own_sign():

@@ -21,7 +21,7 @@ def vehicle():
     return rig, guarded_loop(rig, model, {"policy": "exact"})
 
 
-def driven_loop(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0, told=True, jump=0.0):
+def driven_loop(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0, measured=True, jump=0.0):
     """States of the loop, the plant in the end, and the deflections: with an offset of the elevator, a sign of the
     pitch rate, one of the elevator, which is measured or not, and a jump of the measured speed [m/s], from BEGIN on.
     """
@@ -39,7 +39,7 @@ def driven_loop(vehicle, seconds, *, offset=0.0, sign=1.0, elevator=1.0, told=Tr
         estimate = loop.estimator.update(k * PERIOD, readings, inputs)
         inputs = loop.control(estimate, inputs, now, np.tile(now, (loop.controller.horizon, 1)), PERIOD).copy()
         acting = inputs * [1.0, elevator if late else 1.0]
-        inputs = acting if told else inputs
+        inputs = acting if measured else inputs
         deflections.append(abs(inputs[1]))
         levels.add(loop.level)
         for _ in range(rig.steps(PERIOD, "the period")):
@@ -79,7 +79,7 @@ def test_a_flipped_elevator_is_tried_with_small_deflections(vehicle):
 def test_an_elevator_that_turns_its_sign_unreported_is_sent_the_other_one(vehicle):
     """Only the sensors can tell; an offset moves the elevator enough for that."""
     loop = vehicle[1]
-    _, plant, _ = driven_loop(vehicle, BEGIN + 3.0, offset=0.003, elevator=-1.0, told=False)
+    _, plant, _ = driven_loop(vehicle, BEGIN + 3.0, offset=0.003, elevator=-1.0, measured=False)
     assert loop.estimator.reversal.reversed == 1
     assert loop.level is LoopState.SLOWED
     assert "acts reversed" in loop.guard.reason
