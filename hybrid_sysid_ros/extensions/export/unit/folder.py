@@ -49,7 +49,8 @@ ROUNDING = 1e-6
 """By which a float may be beyond its bound."""
 OF_FLOATS, SHARE_OF_FLOATS = 1e-2, 1e-4
 """That of floats, or this share of the widest input's range where it is more, as of counts up to 255. It is no check of
-the translation: a threshold may keep one plan and solve another one anew.
+the translation: a threshold may keep one plan and solve another one anew. Each period follows Python's command: where
+two inputs can do the same, the rounding of many periods moves one by more.
 """
 SAME = "command.status == periods[k].status;"
 MOST = 0.95
@@ -240,7 +241,9 @@ def _compared(
 ) -> dict[str, dict[str, float]]:
     """Largest differences. Raises UserError where one is above the tolerance, or an input leaves its bounds."""
     period = python.estimator.period
-    found = {"recorded": largest_difference(answers_of(made, questions, period), answers)}
+    found = {
+        "recorded": largest_difference(answers_of(made, questions, period, sent=answers if single else ()), answers)
+    }
     if single:
         found["recorded"]["status"] = 0.0  # rounding decides which side of a threshold a number is on
     others = list(odd(questions, more, period=period))
