@@ -48,6 +48,16 @@ class StageWeights(Shared):
 
 
 @inner
+def is_squared(weights: StageWeights) -> bool:
+    """Whether values cost their squared errors alone, and have no price."""
+    squared = True
+    for i in range(weights.prices.shape[0]):
+        for k in range(weights.prices.shape[1]):
+            squared = squared and weights.prices[i, k] == 0.0
+    return squared
+
+
+@inner
 def stage_cost(weights: Any, i: int, y: Any, q: Any, u: Any, before: Any, x: Any) -> float:
     """Cost of stage i with values y (r,), references q (p,) of the outputs and states x (n,) at its end, inputs u (m,)
     and previous inputs ``before`` (m,).

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, instance_of
 from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
-from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult
-from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, answer, follow, plan_within, shift_trajectory
+from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, answer, plan_within, shift_trajectory
 from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared

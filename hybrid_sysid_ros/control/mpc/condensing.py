@@ -50,10 +50,11 @@ def condense(horizon: Horizon, program: Program) -> None:
         for r in range(limits.values.shape[0]):
             row, k = limits.value_rows[r, i], limits.values[r]
             for c in range(wide if row >= 0 else 0):
-                total = linear.D[i, k, c - wide + m] if c >= wide - m else 0.0
-                for a in range(n):
-                    total += linear.C[i, k, a] * linear.response[i, a, c]
-                program.rows[row, c] = total
+                program.rows[row, c] = linear.D[i, k, c - wide + m] if c >= wide - m else 0.0
+            for a in range(n):
+                slope = linear.C[i, k, a]
+                for c in range(wide if row >= 0 and slope != 0.0 else 0):
+                    program.rows[row, c] += slope * linear.response[i, a, c]
 
 
 @inner

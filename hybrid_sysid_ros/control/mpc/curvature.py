@@ -50,8 +50,10 @@ def find_curvature(prediction: PredictionModel, horizon: Horizon) -> None:
 
 
 @inner
-def bend_values(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> None:
-    """Compute the second derivatives of each stage's values, weighted by their factors in the Lagrangian."""
+def bend_values(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> bool:
+    """Compute the second derivatives of each stage's values, weighted by their factors in the Lagrangian; return
+    whether one is not zero.
+    """
     count, m = horizon.inputs.shape
     drive, values = horizon.work.drive, horizon.linear.outputs.shape[1]
     first = m + prediction.stage.shape[1] + m
@@ -64,6 +66,10 @@ def bend_values(prediction: PredictionModel, horizon: Horizon, program: Program,
             prediction.curvature, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
             prediction.h, 0.0, horizon.lagrangian.bend[i],
         )  # fmt: skip
+    found, bend = False, pointer(horizon.lagrangian.bend)
+    for c in range(horizon.lagrangian.bend.size):
+        found = found or bend[c] != 0.0
+    return found
 
 
 LEAST_SHIFT = 1e-4
@@ -220,18 +226,19 @@ def _price_rows(program: Program, numbers: NDArray[np.int64], price: float, leas
 
 @inner
 def _factorise(hessian: Array, factor: Array) -> bool:
-    """Cholesky's factor; False where a matrix is not positive definite."""
+    """Cholesky's upper factor; False where a matrix is not positive definite."""
     v = hessian.shape[0]
     h, f = pointer(hessian), pointer(factor)
     for c in range(v):
-        for d in range(c + 1):
-            total = h[c * v + d]
-            for k in range(d):
-                total -= f[c * v + k] * f[d * v + k]
-            if c == d:
-                if not total > 0.0:
-                    return False
-                f[c * v + c] = math.sqrt(total)
-            else:
-                f[c * v + d] = total / f[d * v + d]
+        for d in range(c, v):
+            f[c * v + d] = h[c * v + d]
+        for k in range(c):
+            slope = f[k * v + c]
+            for d in range(c, v):
+                f[c * v + d] -= slope * f[k * v + d]
+        if not f[c * v + c] > 0.0:
+            return False
+        scale = 1.0 / math.sqrt(f[c * v + c])
+        for d in range(c, v):
+            f[c * v + d] *= scale
     return True

@@ -36,16 +36,18 @@ def add_forms(horizon: Horizon, program: Program, begins: bool, ends: bool) -> N
                 slopes[a * width + n + c] = by_input[(i * n + a) * m + c]
         for a in range(n):
             for c in range(width):
-                total = 0.0
-                for b in range(n):
-                    total += form[a * width + b] * slopes[b * width + c]
-                ahead[a * width + c] = total
+                ahead[a * width + c] = 0.0
+            for b in range(n):
+                factor = form[a * width + b]
+                for c in range(width):
+                    ahead[a * width + c] += factor * slopes[b * width + c]
         for r in range(width):
             for c in range(width):
-                total = begin[own + r * width + c] if begins else 0.0
-                for a in range(n):
-                    total += slopes[a * width + r] * ahead[a * width + c]
-                form[r * width + c] = total
+                form[r * width + c] = begin[own + r * width + c] if begins else 0.0
+            for a in range(n):
+                factor = slopes[a * width + r]
+                for c in range(width):
+                    form[r * width + c] += factor * ahead[a * width + c]
         for r in range(n, width if ends else n):
             for c in range(width):
                 total = end[own + r * width + c] if c >= n else 0.0

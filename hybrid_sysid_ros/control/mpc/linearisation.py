@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, PredictionModel
+import numpy as np
+
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
+from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
 from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
@@ -29,6 +32,35 @@ def advance_interval(prediction: PredictionModel, x: Array, drive: Array, follow
     for _ in range(prediction.substeps):
         call_value(prediction.step, x, drive, p, w, prediction.h, 0.0, following)
         assign(x, following)
+
+
+@inner
+def follow(
+    prediction: PredictionModel, weights: StageWeights, instance: Instance, inputs: Array, states: Array
+) -> tuple[float, float]:
+    """Simulate inputs (N, m) in the exact form into ``states`` (N + 1, n); return their cost, and the largest distance
+    of a state from its bounds.
+    """
+    n, m = instance.state.shape[0], inputs.shape[1]
+    values, staged = weights.outputs.shape[1], prediction.curvature != 0
+    drive, x, following = np.empty(2 * m + prediction.stage.shape[1]), np.empty(n), np.empty(n)
+    y = np.empty(values)
+    cost = largest = 0.0
+    assign(x, instance.state)
+    assign(states[0], x)
+    for i in range(inputs.shape[0]):
+        for j in range(m):
+            drive[j] = inputs[i, j] + instance.disturbance[j]
+        advance_interval(prediction, x, drive, following)
+        if staged:
+            set_stage(prediction, i, instance.disturbance, drive)
+        call_value(prediction.output, x, drive, prediction.parameters, prediction.network, prediction.h, 0.0, y)
+        assign(states[i + 1], x)
+        before = instance.previous if i == 0 else inputs[i - 1]
+        cost += stage_cost(weights, i, y, instance.preview[i], inputs[i], before, x)
+        for a in range(n):
+            largest = max(largest, excess(weights, i, a, x[a]))
+    return cost, largest
 
 
 @inner
@@ -111,10 +143,11 @@ def _chain(jacobian: Array, total: Array, moved: Array, n: int, m: int) -> None:
     f, t, o = pointer(jacobian), pointer(total), pointer(moved)
     for a in range(n):
         for c in range(width):
-            change = f[a * width + c] if c >= n else 0.0
-            for b in range(n):
-                change += f[a * width + b] * t[b * width + c]
-            o[a * width + c] = change
+            o[a * width + c] = f[a * width + c] if c >= n else 0.0
+        for b in range(n):
+            slope = f[a * width + b]
+            for c in range(width):
+                o[a * width + c] += slope * t[b * width + c]
 
 
 @inner

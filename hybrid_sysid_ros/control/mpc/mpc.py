@@ -24,6 +24,7 @@ from hybrid_sysid_ros.control.mpc.calls import (
     solve_call,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Instance, new_instance
+from hybrid_sysid_ros.control.mpc.sequential import LIFTED
 from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, rollout, shooting
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
@@ -156,7 +157,7 @@ class ExactMpc:
         """Let a call (iterations, anew) -> status of compiled code go on until it is answered or the time is over."""
         cold, most, share, began = self.cold, self.problem.max_iterations, self.problem.max_iterations, 0.0
         if self._clock is not None:
-            began, share = self._clock(), min(BETWEEN_LOOKS, most)
+            began, share = self._clock(), min(LIFTED if cold else BETWEEN_LOOKS, most)
         status = STATUSES[call(share, True)]
         while status is Status.NOT_CONVERGED and self.iterations < most:
             if self._clock is not None and self._clock() - began > self._time_limit:

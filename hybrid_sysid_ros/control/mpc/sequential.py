@@ -1,7 +1,8 @@
 """Sequential quadratic programming in the inputs of a horizon; the states are simulated at each iterate.
 
 Tenny, Wright & Rawlings (2004), Computational Optimization and Applications 28 (feasible iterates); Nocedal & Wright
-(2006), Numerical optimization, chapter 18.
+(2006), Numerical optimization, chapter 18. From a cold start states are variables at first: Albersmeyer & Diehl (2010),
+The lifted Newton method, SIAM Journal on Optimization 20(3).
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ import numpy as np
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import (
+    apply_step,
     condense,
     correct_bounds,
     cost_of,
     evaluate_program,
+    expand,
     find_adjoint,
     residual,
 )
@@ -28,8 +31,9 @@ from hybrid_sysid_ros.control.mpc.curvature import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
-from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, keep_hard, linearise, simulate
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow, keep_hard, linearise, simulate
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
+from hybrid_sysid_ros.control.stage_cost import is_squared
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
@@ -58,6 +62,12 @@ COARSE = 30.0
 derivatives by the inputs are nearly zero.
 """
 
+DOUBT = 0.05
+"""Share by which the cost of a simulated plan may exceed the cost that its linear model predicts."""
+
+LIFTED, UPHILL = 8, 2
+"""Most steps that leave gaps, and number of them in a row that may lead to no lower cost."""
+
 
 class SolverResult(NamedTuple):
     """The result of :func:`solve`."""
@@ -79,15 +89,20 @@ def solve(
     iterations: int,
     tolerance: float,
     anew: bool,
+    cold: bool,
 ) -> SolverResult:
-    """Iterate by Gauss-Newton, and where that is slow by Newton's method. anew: False continues the previous call."""
+    """Iterate by Gauss-Newton, and where that is slow by Newton's method. anew: False continues the previous call.
+    cold: the trajectory is no earlier plan.
+    """
     progress = horizon.progress[0]
     cost, last, done = _begin(prediction, horizon, instance, anew), progress.residual, 0
+    if cold and is_squared(horizon.weights):  # elsewhere Gauss-Newton's Hessian is not worth a step uphill
+        cost, done = _lift(prediction, horizon, program, instance, cost, min(iterations, LIFTED))
     while True:
         condense(horizon, program)
         evaluate_program(horizon, program, instance, False)
         error, made = residual(program), progress.steps
-        if made > 0 and error <= tolerance:
+        if made + done > 0 and error <= tolerance:
             return SolverResult(True, done, error)
         if done == iterations:
             progress.residual = last
@@ -131,6 +146,55 @@ def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, an
 
 
 @inner
+def _lift(
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float, most: int
+) -> tuple[float, int]:
+    """Make steps that move states by their linear prediction and leave gaps, until the inputs cost what was predicted
+    when they are simulated; else go back to the best ones. Return the cost and the number of steps.
+
+    A whole step along bent dynamics often leads uphill and still nearer: Chamberlain, Powell, Lemarechal & Pedersen
+    (1982), The watchdog technique, Mathematical Programming Study 16.
+    """
+    done = uphill = 0
+    assign_rows(horizon.inputs, horizon.planned)
+    while done < most and uphill < UPHILL:
+        condense(horizon, program)
+        evaluate_program(horizon, program, instance, True)
+        _find_hessian(prediction, horizon, program, instance, np.inf, np.inf)
+        if not _solve_program(horizon, program):
+            break
+        quadratic.keep_working_set(program)
+        expected, found = make_step(prediction, horizon, program, instance)
+        done += 1
+        uphill = 0 if found < cost else uphill + 1
+        agrees = found <= (1.0 + DOUBT) * expected
+        if agrees or uphill == 0:
+            cost = found
+            assign_rows(horizon.inputs, horizon.planned)
+        if agrees:
+            break
+        linearise(prediction, horizon, prediction.smoothing, False)
+    assign_rows(horizon.planned, horizon.inputs)
+    _look(prediction, horizon, True)
+    return cost_of(horizon, instance), done
+
+
+@inner
+def make_step(
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance
+) -> tuple[float, float]:
+    """Make the whole step of a solution, in the states by their linear prediction; return the cost that it predicts,
+    and that of the inputs when they are simulated.
+    """
+    expected = expand(horizon, program, instance)
+    apply_step(horizon, 1.0)
+    if horizon.limits.hard.any():
+        keep_hard(prediction, horizon)
+    found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
+    return expected, found
+
+
+@inner
 def _look(prediction: PredictionModel, horizon: Horizon, derivatives: bool) -> None:
     """Find states and outputs for the inputs, with their derivatives or, at a third of the effort, without."""
     if horizon.limits.hard.any():
@@ -165,10 +229,10 @@ def _find_hessian(
         curvature = pointer(horizon.lagrangian.curvature)
         for c in range(horizon.lagrangian.curvature.size):
             curvature[c] = 0.0
-    bending = prediction.curvature != 0
-    if bending:
-        bend_values(prediction, horizon, program, instance)
-        progress.with_curvature = True
+    bending = False
+    if prediction.curvature != 0:
+        bending = bend_values(prediction, horizon, program, instance)
+        progress.with_curvature = progress.with_curvature or bending
     if progress.steps > 0:
         find_adjoint(horizon, program, instance)
         if progress.with_curvature and progress.steps > PATIENCE and error > STALLED * last:

@@ -13,33 +13,23 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
-from hybrid_sysid_ros.control.mpc.condensing import (
-    apply_step,
-    condense,
-    evaluate_program,
-    expand,
-)
+from hybrid_sysid_ros.control.mpc.condensing import apply_step, condense, evaluate_program
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_horizon, prediction
 from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
 from hybrid_sysid_ros.control.mpc.linearisation import (
     advance_interval,
     assign,
     assign_rows,
-    keep_hard,
+    follow,
     linearise,
-    set_stage,
 )
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
-from hybrid_sysid_ros.control.mpc.sequential import SolverResult, improve, solve
+from hybrid_sysid_ros.control.mpc.sequential import DOUBT, SolverResult, improve, make_step, solve
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
+from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
-
-DOUBT = 0.05
-"""Share by which the cost of a plan in a feedback phase may exceed the predicted cost."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,35 +118,6 @@ def rollout(
     return follow(prediction, weights, instance, inputs, states)  # type: ignore[no-any-return]
 
 
-@inner
-def follow(
-    prediction: PredictionModel, weights: StageWeights, instance: Instance, inputs: Array, states: Array
-) -> tuple[float, float]:
-    """Simulate inputs (N, m) in the exact form into ``states`` (N + 1, n); return their cost, and the largest distance
-    of a state from its bounds.
-    """
-    n, m = instance.state.shape[0], inputs.shape[1]
-    values, staged = weights.outputs.shape[1], prediction.curvature != 0
-    drive, x, following = np.empty(2 * m + prediction.stage.shape[1]), np.empty(n), np.empty(n)
-    y = np.empty(values)
-    cost = largest = 0.0
-    assign(x, instance.state)
-    assign(states[0], x)
-    for i in range(inputs.shape[0]):
-        for j in range(m):
-            drive[j] = inputs[i, j] + instance.disturbance[j]
-        advance_interval(prediction, x, drive, following)
-        if staged:
-            set_stage(prediction, i, instance.disturbance, drive)
-        call_value(prediction.output, x, drive, prediction.parameters, prediction.network, prediction.h, 0.0, y)
-        assign(states[i + 1], x)
-        before = instance.previous if i == 0 else inputs[i - 1]
-        cost += stage_cost(weights, i, y, instance.preview[i], inputs[i], before, x)
-        for a in range(n):
-            largest = max(largest, excess(weights, i, a, x[a]))
-    return cost, largest
-
-
 @kernel
 def bound_inputs(horizon: Horizon, previous: Array, inputs: Array) -> None:
     """Limit inputs (N, m) to their bounds and rate limits after ``previous`` (m,)."""
@@ -187,11 +148,7 @@ def feedback(prediction: PredictionModel, horizon: Horizon, program: Program, in
     if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
-    expected = expand(horizon, program, instance)
-    apply_step(horizon, 1.0)
-    if horizon.limits.hard.any():
-        keep_hard(prediction, horizon)
-    found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
+    expected, found = make_step(prediction, horizon, program, instance)
     if found <= (1.0 + DOUBT) * expected:
         assign(horizon.disturbance, instance.disturbance)
         return SolverResult(False, 1, np.inf)
@@ -224,7 +181,7 @@ def answer(
     if prepared:
         found = feedback(prediction, horizon, program, instance)
     else:
-        found = solve(prediction, horizon, program, instance, iterations, tolerance, anew)
+        found = solve(prediction, horizon, program, instance, iterations, tolerance, anew, cold)
     sound = found.iterations > 0
     for i in range(horizon.inputs.shape[0]):
         sound = sound and _finite(horizon.inputs[i]) and _finite(horizon.states[i + 1])

@@ -28,8 +28,8 @@ from hybrid_sysid_ros.control.mpc.calls import (
     solve_within,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
-from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, set_stage
-from hybrid_sysid_ros.control.mpc.shooting import answer, follow
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow, set_stage
+from hybrid_sysid_ros.control.mpc.shooting import answer
 from hybrid_sysid_ros.control.policy.kernels import inside, network_answer
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel

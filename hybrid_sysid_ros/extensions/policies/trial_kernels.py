@@ -20,8 +20,7 @@ from hybrid_sysid_ros.control.mpc.calls import (
     shift_plan,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Instance, PredictionModel, instance_of
-from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
-from hybrid_sysid_ros.control.mpc.shooting import follow
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow
 from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.problem import StageWeights
 from hybrid_sysid_ros.control.safety.supervision import (
