@@ -16,7 +16,6 @@ from hybrid_sysid_ros.identification.validation.bands import (
     Uncertainty,
     _drawn,
     _moved_by,
-    band_calibration,
     bands_of,
     correlation_time,
     freedom_of,
@@ -92,18 +91,6 @@ def test_errors_that_remember_are_few():
     memory = 0.9
     errors = lfilter([1.0], [1.0, -memory], np.random.default_rng(0).normal(size=100000))
     assert correlation_time([errors]) == pytest.approx((1 + memory) / (1 - memory), rel=0.15)
-
-
-def test_parameters_explain_no_more_than_the_errors_that_are_met():
-    record = level(noise=0.01)
-    experiment = prepare(record, Integrator(), SAMPLING)
-    known = Uncertainty(names=("gain",), covariance=np.array([[0.5**2]]), spans=np.array([4.0]))
-    first = np.array([experiment.states[0, 0]])
-    run = free_run_of(Integrator(), experiment, first)
-    drawn = _drawn(Integrator(), experiment, known, first, run)
-    noted = band_calibration(Integrator(), [experiment], known, [])["outputs"]["level"]
-    assert noted["drawn"] * np.mean(drawn) == pytest.approx(noted["floor"] ** 2, rel=0.05)
-    assert noted["drawn"] < 0.01
 
 
 def test_mean_squares_that_differ_have_the_freedom_of_their_chi_square():

@@ -48,7 +48,9 @@ class StateSpaceSettings:
     starts: int = 3
     """Random beginnings of the units, of which the best fit stays."""
     dead: tuple[int, ...] = ()
-    """Samples by which each input acts later, (inputs,); none by default."""
+    """Samples by which each input may act later, (inputs,): taken if held-out blocks are predicted better by no more
+    states, since what looks like a dead time may be a lag; none by default.
+    """
 
 
 def identify_state_space(
@@ -68,13 +70,18 @@ def identify_state_space(
     tell = progress or (lambda stage, count, error: None)
     with alone():
         stretches, scales = _scaled(records)
-        stretches = [_acting(item, settings.dead) for item in stretches]
-        selection = _selected(stretches, settings, records[0].sampling.initial_samples, tell)
+        dead, known = tuple[int, ...](), records[0].sampling.initial_samples
+        selection = _selected(stretches, settings, known, tell)
+        if any(settings.dead):
+            acting = [_acting(item, settings.dead) for item in stretches]
+            waiting = _selected(acting, settings, known, tell)
+            if waiting.error <= selection.error and waiting.order <= selection.order:
+                stretches, selection, dead = acting, waiting, settings.dead
         start = _start(stretches, selection)
         order = selection.order
         linear = Sizes(states=order, inputs=len(inputs), outputs=len(outputs))
-        errors = [_mean_square(start, stretches), *(item.error**2 for item in selection.trials if item.order == order)]
-        calmed = [*stretches, _calm(start.level, min(errors), len(inputs))]
+        met = min(_mean_square(start, stretches), selection.error**2)
+        calmed = [*stretches, _calm(start.level, met, len(inputs))]
         best = _refined(weights_of(start, linear), linear, calmed, selection, settings, "linear", tell)
         best = without_last(best, linear, stretches)
         count, sizes = best.evaluations, linear
@@ -96,7 +103,7 @@ def identify_state_space(
         order=order,
         units=sizes.units,
         power=sizes.power,
-        dead=settings.dead,
+        dead=dead,
         scales=scales,
         trials=tuple((float(item.order), item.error, item.spread) for item in selection.trials),
         map_weights=weights,

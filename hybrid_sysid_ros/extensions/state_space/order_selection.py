@@ -42,6 +42,11 @@ class Selection:
     through: bool
     trials: Sequence[TriedOrder]
 
+    @property
+    def error(self) -> float:
+        """That of the order in held-out blocks; infinite where it was not tried."""
+        return next((item.error for item in self.trials if item.order == self.order), np.inf)
+
 
 def rows_for(highest: int) -> int:
     """Samples of future and past in a subspace factorisation up to an order: in fewer, slow modes look like each other,

@@ -1,12 +1,11 @@
 """Bands: how far a measurement is from a free run, by what parameters, inputs and noise leave open.
 
-A run's deviation at each sample is s^2 = (growth floor)^2 + share s_parameters^2: s_parameters from runs with
-parameters drawn from their covariance, floor the root mean square of the errors of training records that were left out
-of the fit (:mod:`.left_out`). Parameters are among what makes these, so that share s_parameters^2 is at most floor^2
-over training. What a law does not say grows with the motion: growth is the excursion of the run, its root mean square
-about the training's mean, in the largest of a training record, and at least 1. A band of level p is as many deviations
-wide as hold a share p of these errors, and wider by Student's factor t(n) / z of 90 %, with n by how much the errors of
-one block are larger than those of another (:func:`freedom_of`).
+A run's deviation at each sample is s^2 = (growth floor)^2 + s_parameters^2: s_parameters from runs with parameters
+drawn from their covariance, floor the root mean square of the errors of training records that were left out of the fit
+(:mod:`.left_out`). What a law does not say grows with the motion: growth is the excursion of the run, its root mean
+square about the training's mean, in the largest of a training record, and at least 1. A band of level p is as many
+deviations wide as hold a share p of these errors, and wider by Student's factor t(n) / z of 90 %, with n by how much
+the errors of one block are larger than those of another (:func:`freedom_of`).
 
 Where no record can be left out, the training errors take their place. Those of n independent stretches to which p
 numbers were fitted are smaller than those to come, and a band is wider by sqrt(n / (n - p) (1 + p / n)), too.
@@ -99,18 +98,16 @@ def band_calibration(
         own = [part[:, column] for part in signed]
         together = np.concatenate(own)
         floor = max(float(np.sqrt(np.mean(together**2))), 1e-300)
-        share = min(1.0, floor**2 / max(float(np.mean(drawn[:, column])), 1e-300))
         outputs = [record.outputs[record.scored, column] for record in experiments]
         centre = float(np.mean(np.concatenate(outputs)))
         excursion = float(max(excursion_of(part, centre) for part in outputs))
-        ratios = np.abs(together) / np.sqrt(floor**2 + share * drawn[:, column])
+        ratios = np.abs(together) / np.sqrt(floor**2 + drawn[:, column])
         wider = student_factor(freedom_of(own)) if blocks else widening_of(own, known.effective)
         offset.append(OFFSET * floor / max(float(np.sqrt(np.mean(moved[:, column]))), 1e-300))
         found[item.name] = {
             "floor": floor,
             "centre": centre,
             "excursion": excursion,
-            "drawn": share,
             "widths": {f"{level:g}": wider * float(np.quantile(ratios, level)) for level in LEVELS},
             "correlation": correlation_time([part[:, column] for part in fitted]),
         }
@@ -131,8 +128,7 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     own = [calibration["outputs"][item.name] for item in system.outputs]
     floor, centre, excursion = (np.array([float(item[key]) for item in own]) for key in FLOOR)
     growth = np.maximum(excursion_of(run, centre) / excursion, 1.0)
-    share = np.array([float(item.get("drawn", 1.0)) for item in own])  # an older model does not say it
-    deviation = np.sqrt((growth * floor) ** 2 + share * drawn)
+    deviation = np.sqrt((growth * floor) ** 2 + drawn)
     widths = [np.array([float(item["widths"][f"{level:g}"]) for item in own]) for level in LEVELS]
     return [Band(level=level, run=run, half=deviation * width) for level, width in zip(LEVELS, widths, strict=True)]
 
