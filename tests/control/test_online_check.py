@@ -45,8 +45,8 @@ class Calls(list[tuple[object, ...]]):
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, cost: float, *, solvable: bool = True) -> None:
         super().__init__()
-        answers = {"expand": 100.0, "follow": (cost, 0.0), "improve": "about the state itself"}
-        for name in ("evaluate_program", "expand", "apply_step", "follow", "assign", "improve"):
+        answers = {"make_step": (100.0, cost), "improve": "about the state itself"}
+        for name in ("evaluate_program", "make_step", "apply_step", "assign", "improve"):
             monkeypatch.setattr(shooting, name, self._noted(name, answers.get(name)))
         program = SimpleNamespace(solve=lambda *_: solvable, keep_working_set=self._noted("keep", None))
         monkeypatch.setattr(shooting, "quadratic", program)
@@ -59,9 +59,7 @@ class Calls(list[tuple[object, ...]]):
         return call
 
     def feedback(self):
-        limits = SimpleNamespace(hard=np.zeros(0, dtype=bool))
-        horizon = SimpleNamespace(weights=None, inputs=None, simulated=None, disturbance=None, limits=limits)
-        return shooting.feedback(None, horizon, None, SimpleNamespace(disturbance=None))
+        return shooting.feedback(None, SimpleNamespace(disturbance=None), None, SimpleNamespace(disturbance=None))
 
 
 @pytest.mark.parametrize("cost", [50.0, 100.0 * (1.0 + shooting.DOUBT)])
@@ -69,8 +67,7 @@ def test_a_step_that_costs_what_was_predicted_is_taken(monkeypatch, cost):
     calls = Calls(monkeypatch, cost)
     found = calls.feedback()
     assert (found.iterations, found.solved) == (1, False)
-    assert [call for call in calls if call[0] == "apply_step"] == [("apply_step", 1.0)]
-    assert not [call for call in calls if call[0] == "improve"]
+    assert [call for call in calls if call[0] in ("make_step", "apply_step", "improve")] == [("make_step",)]
     assert calls[0] == ("evaluate_program", True)
 
 
@@ -78,8 +75,8 @@ def test_a_step_that_costs_what_was_predicted_is_taken(monkeypatch, cost):
 def test_a_step_that_costs_more_is_taken_back_and_made_about_the_state_itself(monkeypatch, cost):
     calls = Calls(monkeypatch, cost)
     assert calls.feedback() == "about the state itself"
-    assert [call for call in calls if call[0] in ("apply_step", "improve")] == [
-        ("apply_step", 1.0),
+    assert [call for call in calls if call[0] in ("make_step", "apply_step", "improve")] == [
+        ("make_step",),
         ("apply_step", -1.0),
         ("improve",),
     ]
@@ -88,4 +85,4 @@ def test_a_step_that_costs_more_is_taken_back_and_made_about_the_state_itself(mo
 def test_without_a_solution_the_trajectory_stays(monkeypatch):
     calls = Calls(monkeypatch, 0.0, solvable=False)
     assert (calls.feedback().iterations, calls.feedback().solved) == (0, False)
-    assert not [call for call in calls if call[0] == "apply_step"]
+    assert not [call for call in calls if call[0] == "make_step"]
