@@ -278,7 +278,7 @@ class MonitoredEstimator:
             for rival in self.rivals:
                 rival.reset()
             renew(judge.sensors)
-            reversal.ratio = reversal.sound = 0.0
+            reversal.ratio = reversal.sound = reversal.sure = 0.0
         same = one.update(time, self.shown, acting).normalised.tolist()
         turned = acting.copy()
         turn_input(turned, reversal.tried)  # type: ignore[arg-type]

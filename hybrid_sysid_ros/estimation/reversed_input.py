@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 from hybrid_sysid_ros.estimation.sensor_monitor import (
     AGREED,
+    AVERAGE,
     MonitoredSensor,
     MonitorRecord,
     is_any_left_out,
@@ -44,13 +45,15 @@ before: with many beginnings one of them wins by chance."""
 class ReversalTrial:
     """Two estimates that compete. tried: the input whose sign they differ in. reversed: the one that acts with the
     other sign, NONE: none does. ratio: L, NaN where they must begin. sound: for how long the one with the other sign
-    has agreed with all sensors [s]. quiet: since there was evidence against the loop's estimate [s].
+    has agreed with all sensors [s]. sure: for how long L has been beyond RATIO [s], AVERAGE at least, since a mean square
+    needs that long to contradict. quiet: since there was evidence against the loop's estimate [s].
     """
 
     tried: int = NONE
     reversed: int = NONE
     ratio: float = math.nan
     sound: float = 0.0
+    sure: float = 0.0
     quiet: float = 0.0
 
 
@@ -103,7 +106,8 @@ def outweighs(
     contradicted = is_contradicted(sensors)
     trial.ratio = 0.0 if contradicted else max(trial.ratio + gain, 0.0)
     trial.sound = 0.0 if contradicted else trial.sound + elapsed
-    return trial.ratio > RATIO and trial.sound > AGREED
+    trial.sure = trial.sure + elapsed if trial.ratio > RATIO else 0.0
+    return trial.sound > AGREED and trial.sure > AVERAGE
 
 
 def believe_other(trial: ReversalTrial, sensors: Sequence[MonitoredSensor]) -> None:

@@ -150,7 +150,7 @@ def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
     copy(out, before)
     if anew:
         renew(monitor.judge)
-        trial.ratio = trial.sound = 0.0
+        trial.ratio = trial.sound = trial.sure = 0.0
     exchange(loop, SAME)
     _update_rival(loop, time, anew)
     copy(out[first : first + core.outputs], same)
