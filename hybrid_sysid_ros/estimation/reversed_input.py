@@ -45,8 +45,8 @@ before: with many beginnings one of them wins by chance."""
 class ReversalTrial:
     """Two estimates that compete. tried: the input whose sign they differ in. reversed: the one that acts with the
     other sign, NONE: none does. ratio: L, NaN where they must begin. sound: for how long the one with the other sign
-    has agreed with all sensors [s]. sure: for how long L has been beyond RATIO [s], AVERAGE at least, since a mean square
-    needs that long to contradict. quiet: since there was evidence against the loop's estimate [s].
+    has agreed with all sensors [s]. sure: for how long L has been beyond RATIO [s], which must be AVERAGE, since a mean
+    square needs that long to contradict. quiet: since there was evidence against the loop's estimate [s].
     """
 
     tried: int = NONE
