@@ -123,9 +123,9 @@ def test_the_exact_bound_is_that_of_the_binomial_distribution():
     assert binomial_bound(LOOPS - 1, LOOPS - 1, DELTA) < 0.9999 <= binomial_bound(LOOPS, LOOPS, DELTA)
     assert binomial_bound(26_492, 26_492, 0.01) == pytest.approx(0.01 ** (1 / 26_492), abs=1e-12)
     assert binomial_bound(0, 50, 0.01) == 0.0
-    for failed in (1, 7, 60):
-        bound = binomial_bound(1000 - failed, 1000, 0.01)
-        assert binom.cdf(failed, 1000, 1.0 - bound) == pytest.approx(0.01, rel=1e-6)
+    for loops, failed, delta in ((1000, 1, 0.01), (1000, 60, 0.01), (17_472, 4, 1e-7), (20_000, 60, 1e-8)):
+        bound = binomial_bound(loops - failed, loops, delta)
+        assert binom.cdf(failed, loops, 1.0 - bound) == pytest.approx(delta, rel=1e-6)
 
 
 def test_the_supervisor_catches_what_is_broken(broken):
