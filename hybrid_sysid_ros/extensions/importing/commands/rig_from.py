@@ -49,7 +49,8 @@ def command(
     time, free = time_of(log, list(log.columns.values()), given, units, period)
     if isinstance(time, str):
         raise UserError(time)
-    chosen_in, chosen_out = roles([item for item in free if item.name != time.column], inputs or (), outputs or ())
+    free = [item for item in free if item.name != time.column]
+    chosen_in, chosen_out = roles(free, inputs or (), outputs or ())
     for kind, chosen in (("input", chosen_in), ("output", chosen_out)):
         if not chosen:
             raise UserError(
@@ -67,6 +68,9 @@ def command(
         folder if folder.is_absolute() or str(folder).startswith((".", "~")) or "/" in str(folder) else f"./{folder}"
     )
     console.print(f"inputs: {', '.join(chosen_in)}; outputs: {', '.join(chosen_out)}; fits in steps of {made.step:g} s")
+    left = [item.name for item in free if item.name not in (*chosen_in, *chosen_out)]
+    if left and not (inputs and outputs):
+        console.print(f"left out: {', '.join(left[:30])}, whose names don't say what they are (--input, --output)")
     for name, seconds in made.delays.items():
         console.print(f"{name} acts {seconds:.3g} s later, which {name}_delay of {SYSTEM} begins at and fits correct")
     console.print(f"{place}: {SYSTEM}, {VALUES} and {FILE}")

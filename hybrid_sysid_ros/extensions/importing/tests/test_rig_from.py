@@ -161,3 +161,15 @@ def test_doubtful_columns_are_asked(program, tmp_path, header, arguments, words)
     file = written(tmp_path / "log.csv", 0.01, header)
     refused(program("rig", "from", file, str(tmp_path / "made"), *arguments), *words)
     assert not (tmp_path / "made").exists()
+
+
+def test_columns_that_are_left_out_are_named(program, tmp_path):
+    times, inputs, outputs = response(0.01)
+    header = "time,current_mA,flow,pressure_bar"
+    file = tmp_path / "valve.csv"
+    np.savetxt(file, np.column_stack([times, inputs, outputs, outputs]), delimiter=",", header=header, comments="")
+    status, out, error = program("rig", "from", str(file), str(tmp_path / "guessed"))
+    assert (status, "left out: flow" in out) == (0, True), out + error
+    chosen = ("--input", "current_mA", "--output", "pressure_bar")
+    status, out, error = program("rig", "from", str(file), str(tmp_path / "chosen"), *chosen)
+    assert (status, "left out" in out) == (0, False), out + error
