@@ -65,3 +65,14 @@ def test_no_more_steps_are_made_than_are_allowed(swing_up):
         hasty = ExactMpc(swing_up.system, replace(swing_up.problem, max_iterations=most))
         assert hasty.control(*swing_up.instance).status is Status.NOT_CONVERGED
         assert hasty.iterations == most
+
+
+@pytest.mark.parametrize("most", [2, 3, 5])
+def test_a_plan_costs_no_more_than_the_inputs_that_it_began_with(most):
+    """Here steps that leave gaps agree with their linear prediction where the inputs cost 30 times as much."""
+    case = mechanics.moving_obstacle()
+    _, disturbance, previous, preview = case.instance
+    hasty = ExactMpc(case.system, replace(case.problem, max_iterations=most))
+    plan = hasty.control(np.array([1.6, 1.4, 1.2, 0.2, -0.1]), disturbance, previous, preview)
+    assert plan.status is Status.NOT_CONVERGED
+    assert hasty.follow(plan.inputs)[0] <= hasty.follow(np.tile(previous, (hasty.horizon, 1)))[0]

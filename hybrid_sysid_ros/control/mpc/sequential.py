@@ -149,8 +149,8 @@ def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, an
 def _lift(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float, most: int
 ) -> tuple[float, int]:
-    """Make steps that move states by their linear prediction and leave gaps, until the inputs cost what was predicted
-    when they are simulated; else go back to the best ones. Return the cost and the number of steps.
+    """Make steps that move states by their linear prediction and leave gaps, until the best inputs so far cost what was
+    predicted when they are simulated; else go back to the best ones. Return the cost and the number of steps.
 
     A whole step along bent dynamics often leads uphill and still nearer: Chamberlain, Powell, Lemarechal & Pedersen
     (1982), The watchdog technique, Mathematical Programming Study 16.
@@ -166,13 +166,12 @@ def _lift(
         quadratic.keep_working_set(program)
         expected, found = make_step(prediction, horizon, program, instance)
         done += 1
-        uphill = 0 if found < cost else uphill + 1
-        agrees = found <= (1.0 + DOUBT) * expected
-        if agrees or uphill == 0:
+        uphill = 0 if found <= cost else uphill + 1
+        if uphill == 0:
             cost = found
             assign_rows(horizon.inputs, horizon.planned)
-        if agrees:
-            break
+            if found <= (1.0 + DOUBT) * expected:
+                break
         linearise(prediction, horizon, prediction.smoothing, False)
     assign_rows(horizon.planned, horizon.inputs)
     _look(prediction, horizon, True)
