@@ -69,7 +69,8 @@ def main(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(named[0]) if named else Path(temporary) / which
         uv = [sys.executable, "-m", "uv", "--quiet"]
-        subprocess.run([*uv, "venv", "--clear", "--python", sys.executable, str(folder)], check=True)
+        # pip, which is seeded, brings the sources of DAQP that an export needs.
+        subprocess.run([*uv, "venv", "--seed", "--clear", "--python", sys.executable, str(folder)], check=True)
         python = str(folder / "bin" / "python")
         install = [*uv, "pip", "install", "--python", python]
         if which == "oldest":

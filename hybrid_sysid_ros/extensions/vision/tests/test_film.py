@@ -105,6 +105,8 @@ def _written(path: Path, options: dict[str, str], aspect: Fraction | None = None
         stream.width, stream.height, stream.pix_fmt, stream.options = 120, 96, "yuv420p", {"crf": "5", **options}
         if aspect is not None:
             stream.codec_context.sample_aspect_ratio = aspect
+        if turned and not hasattr(stream, "set_display_rotation"):
+            pytest.skip(f"PyAV {av.__version__} writes no rotation")
         if turned:
             stream.set_display_rotation(turned)
         for _ in range(10):
@@ -150,5 +152,5 @@ def test_slow_motion_is_refused_by_what_the_phone_wrote(film: Path, tmp_path: Pa
     if taken.startswith("30"):
         assert len(list(pictures(slow))) == len(TIMES)
     else:
-        with pytest.raises(UserError, match=r"taken at 240 pictures/s and is played at 2.*itsscale"):
+        with pytest.raises(UserError, match=r"taken at 240 pictures/s and is played at (29|30).*itsscale"):
             list(pictures(slow))
