@@ -15,7 +15,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 
 def test_what_is_written_passes_its_own_test(tmp_path: Path) -> None:
-    folder = tmp_path / "sled"
+    folder = tmp_path / "driven_sled"
     rig_new.command(folder)
     rig_driver.command(folder)
     options = ["-q", "-p", "no:cacheprovider", "--rootdir", str(folder), str(folder)]

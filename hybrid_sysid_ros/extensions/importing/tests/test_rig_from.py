@@ -99,9 +99,9 @@ def test_two_files_of_one_record_are_joined(program, tmp_path, monkeypatch):
     for name, column in (("X", inputs), ("Y", outputs)):
         np.savetxt(f"{name}.txt", column, header='"x"', comments="")
     joined = ("X.txt", "--also", "Y.txt", "--input", "X.x", "--output", "Y.x", "--period", "0.02")
-    assert program("rig", "from", "X.txt", "./drives", *joined[1:])[0] == 0
-    assert program("import", "X.txt", "--also", "Y.txt", "--rig", "./drives")[0] == 0
-    record = hs.read_bag("bags/X", "./drives")
+    assert program("rig", "from", "X.txt", "./joined_drives", *joined[1:])[0] == 0
+    assert program("import", "X.txt", "--also", "Y.txt", "--rig", "./joined_drives")[0] == 0
+    record = hs.read_bag("bags/X", "./joined_drives")
     np.testing.assert_allclose(record.output[:, 0], outputs)
     np.testing.assert_allclose(record.input[:-1, 0], inputs[:-1])
 
