@@ -50,6 +50,14 @@ def test_evidence_climbs_the_ladder_one_level_after_the_other():
     assert failsafe.cause == 0
 
 
+@pytest.mark.parametrize("wrong", [1.0, 7.0, 0.5, -2.0, 1e300, math.inf, -math.inf, math.nan])
+def test_a_reversed_input_that_is_none_of_the_rig_s_turns_nothing(wrong):
+    """As a message may name it: the rig has one input, which is 0."""
+    found = guard()
+    judge(found, 1, reversed=wrong)
+    assert found.turned(np.array([3.0])).tolist() == [3.0]
+
+
 def test_a_reversed_input_is_turned_and_its_past_commands_are_what_acted():
     found = guard(low=np.array([-10.0]), high=np.array([4.0]))
     found.commanded(np.array([3.0]))

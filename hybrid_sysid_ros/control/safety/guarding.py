@@ -110,7 +110,7 @@ def judge(
 ) -> int:
     """The level that an estimate allows; see :meth:`.guard.Guard.judge`."""
     core, failsafe, kinds = guard.core[0], guard.failsafe[0], guard.kinds
-    if math.isfinite(reversed) and int(reversed) != core.reversed:
+    if NONE <= reversed < len(guard.inputs) and int(reversed) == reversed and int(reversed) != core.reversed:
         _turn_past(guard, core.reversed)
         core.reversed = int(reversed)
         _turn_past(guard, core.reversed)
