@@ -21,6 +21,9 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.support.arrays import Array
 
+FLAGS = "-O3 -march=native -ffast-math"
+"""Of the compiler."""
+
 
 def installed() -> bool:
     """Whether acados_template and the libraries that it names are here."""
@@ -85,7 +88,7 @@ class AcadosMpc:
         options.print_level = 0
         self._folder = tempfile.TemporaryDirectory()
         ocp.code_gen_options.code_export_directory = str(Path(self._folder.name) / "code")
-        ocp.code_gen_options.ext_fun_compile_flags = "-O3 -march=native -ffast-math"
+        ocp.code_gen_options.ext_fun_compile_flags = FLAGS
         self.solver: Any = AcadosOcpSolver(ocp, verbose=False)
         if any(changes != changes[-1]) or any(outputs != outputs[0]):
             raise ValueError("weights that change along the horizon are not stated here")

@@ -18,6 +18,7 @@ from typing import Any
 import casadi
 import numpy as np
 
+from benchmarks.acados_peer import FLAGS
 from benchmarks.mpc_gallery.case import Case
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.support.arrays import Array
@@ -25,7 +26,6 @@ from hybrid_sysid_ros.support.arrays import Array
 NONE = 1e10
 """What acados takes for no bound."""
 TOLERANCE = 1e-8
-FLAGS = "-O3 -march=native -ffast-math"
 
 
 @dataclass(frozen=True, kw_only=True)
