@@ -26,7 +26,7 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("share", "[TWY]?(?:Q|S)o?[NXx](?:o?[KO])?"),
     ("limit", "Tx(?:o?[KO])?"),
     ("share", "[TWYI]?S(?:o?[KO](?:oO)?)?(?:o?J)?"),
-    ("amplitude", "[jWo]?[ak]o?(?:oO)?J?[TYW]?Q|[WY]?Qo?[ak]"),
+    ("amplitude", "[jWo]?[ak]o?(?:oO)?J?[TYW]?Q|[WYo]?Qo?[ak]"),
     ("frequency", "[jWIo]?fo?J?[TYW]?Q|W?Qof"),
     ("period", "[jWo]?qo?J?[TYW]?Q|W?Qoq"),
     ("noun", "[afq](?:o[JO])?"),
@@ -51,7 +51,7 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("bit", "b"),
     ("direction", "U(?:o?J)?"),
     ("home_place", "[TWo]?u"),
-    ("verb", "V(?:o?J)?"),
+    ("verb", "o?V(?:o?J)*"),
     ("pace", "[Cc]"),
     ("here", "W?H"),
     ("object", "J"),
@@ -234,7 +234,7 @@ class _Matcher:
         elif slot == "home_place":
             made.verbs.append(Symbol("V", "home", text))
         elif slot == "verb":
-            made.verbs.append(part[0])
+            made.verbs += [symbol for symbol in part if symbol.kind == "V"]
         elif slot == "direction":
             if made.quantities and made.quantities[-1].role == "to":  # "go to 2 m more"
                 said = f"{made.quantities[-1].text} {text}"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language.commands import Goal, Home, Move, Undo, Wait
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.extensions.shared.units import of_rig
 from hybrid_sysid_ros.runtime.configuration import SetPointRange
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -53,12 +55,21 @@ class Draft:
         moving = [k for k in self.vocabulary.tracked if self.outputs[k].moves]
         return ", ".join(f"{self.outputs[k].name} {self.level(k)}" for k in moving)
 
+    def as_it_travels(self, values: Sequence[float], k: int) -> str:
+        """Shown values of an output in the unit in which it travels, in brackets; empty if that measures the same."""
+        output, (own, travels) = self.outputs[k], self.vocabulary.units_of(k)
+        if own.alike(travels):
+            return ""
+        unit, scale = ("deg", math.degrees(output.scale)) if travels == of_rig("rad") else (travels.base, output.scale)
+        said = " and ".join(f"{value * scale:.4g}" for value in values)
+        return f" ({said} {unit})"
+
     def level(self, k: int) -> str:
-        """Where an output is, and what that is in all, where the rig works about a point."""
+        """Where an output is, in its units, and what that is in all, where the rig works about a point."""
         output = self.outputs[k]
         about = self.vocabulary.rig.system.operating_point.get(output.name)
         in_all = f" ({about / output.scale + self.here[k]:.6g} {output.unit} in all)" if about else ""
-        return f"{with_unit(self.here[k], output)}{in_all}"
+        return f"{with_unit(self.here[k], output)}{self.as_it_travels(self.here[[k]].tolist(), k)}{in_all}"
 
     def home(self, command: Home) -> None:
         goals = tuple(Goal(output=k, value=0.0) for k in self.vocabulary.tracked)
@@ -182,8 +193,9 @@ class Draft:
             if about and output.low <= value - about <= output.high:
                 counted += f"; {value:.6g} {output.unit} in all are {with_unit(value - about, output)} here"
             raise UserError(
-                f"{output.name} of {with_unit(value, output)} is out of reach: stay within {output.low:.4g} and "
-                f"{output.high:.4g} {output.unit}{counted}"
+                f"{output.name} of {with_unit(value, output)}{self.as_it_travels([value], k)} is out of reach: stay "
+                f"within {output.low:.4g} and {output.high:.4g} {output.unit}"
+                f"{self.as_it_travels([output.low, output.high], k)}{counted}"
             )
 
 

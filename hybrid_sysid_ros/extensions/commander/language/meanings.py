@@ -38,6 +38,10 @@ class Meaning(Goals):
         found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
         if "repeat" in found and len(found) > 1 and self.left:
             found.remove("repeat")
+        if found == ["repeat"]:  # "the same but slower", "repeat that at half the amplitude", "again at 1 Hz"
+            self.left = [replace(item, kind="frequency") if item.base == FREQUENCY else item for item in self.left]
+            if clause.nouns or clause.comparatives or any(item.kind for item in self.left):
+                found = ["go"]
         for general in ("go", "step", "ramp", "back"):
             if general in found and len(found) > 1 and set(found) & SPECIFIC:
                 found.remove(general)

@@ -39,10 +39,12 @@ PHRASES = (
     (re.compile(r"(?<=\w)\s*/\s*(s|min|h|seg)\b", re.I), lambda match: "/" + match[1].lower().replace("seg", "s")),
     (re.compile(r"/s\s*/\s*s\b"), "/s^2"),
     (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
-    (re.compile(r"(?<=\d)\s*([^\W\d_]{1,3})\s*(?:pp|p-p)\b"), r" \1 peak to peak "),
     (re.compile(r"(?<=\d)(?=[^\W\d_])(?![eE][+-]?\d)"), " "),
 )
 """What is written in several words, and units that touch their number."""
+BAND = re.compile(r"(?<=\d)\s*-\s*(?=\d+(?:[.,]\d+)?\s*[km]?Hz\b)")
+PEAK_TO_PEAK = re.compile(r"(?<=\d)\s*([^\W\d_]{1,3})\s*(?:pp|p-p)\b")
+"""As in "0.1-2 Hz" and "3 Vpp": they stand for a word of the language."""
 LOOKALIKES = str.maketrans(
     {
         **{"\u2212": "-", "\u2013": "-", "\u2014": ",", "\u2019": "'", "\u00ba": "°", "\u03bc": "µ"},
@@ -58,7 +60,8 @@ def symbols(text: str, lexicon: Lexicon, vocabulary: Vocabulary) -> list[Symbol]
         raise UserError("empty: say for example 'hold 0'")
     if len(text) > LONGEST:
         raise UserError(f"{len(text)} characters: a command has {LONGEST} at most; for more, follow a file")
-    said = text.translate(LOOKALIKES)
+    said = BAND.sub(f" {lexicon.table['to'][0]} ", text.translate(LOOKALIKES))
+    said = PEAK_TO_PEAK.sub(rf" \1 {lexicon.table['peak_to_peak'][0]} ", said)
     for phrase, other in PHRASES:
         said = phrase.sub(other, said)
     return _Reader(list(_tokens(said, vocabulary.rig.references)), lexicon, vocabulary).symbols()

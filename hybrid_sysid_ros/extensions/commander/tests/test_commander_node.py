@@ -285,7 +285,7 @@ def test_a_client_tells_where_the_rig_is_and_what_would_come_of_a_command(
     assert -10.0 <= found.inputs["drive [V]"] <= 10.0
     loop.plant.deactivate()  # alone: in lockstep a loop never rests
     checked = call(client.check, "go up by 1 V")
-    assert checked.line.startswith("position from 1 V to 2 V")
+    assert checked.line.startswith("position from 1 V (1.3 deg) to 2 V (2.6 deg)")
     assert checked.forecast.loop.outputs[0, 0] / VOLT == pytest.approx(1.0, abs=0.2)
     assert not call(client.check, "hold 300 V").accepted
     assert len(loop.set_points) == 1

@@ -139,7 +139,7 @@ def test_back_after_a_condition_is_where_its_sentence_began(monkeypatch: pytest.
     reader = replace(interpreter("cam_beam"))
     reader.note(reader.read("go to 3 V"), np.zeros(1))
     sentence = reader.read("go to 2 V, once it is still go back to where it was")
-    assert "from 2 V to 3 V" in reader.story(sentence, reader.plan(sentence, np.array([3.0])))
+    assert "from 2 V (2.6 deg) to 3 V (3.9 deg)" in reader.story(sentence, reader.plan(sentence, np.array([3.0])))
 
 
 @pytest.mark.parametrize(

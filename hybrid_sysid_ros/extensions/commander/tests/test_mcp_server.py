@@ -147,7 +147,7 @@ def test_previews_and_the_state_come_as_pictures_too() -> None:
     async def call() -> list[Any]:
         async with Client(server(rigs.load("cam_beam"), desk)) as client:
             reply = await client.call_tool("preview", {"text": "go to 1 V then home"})
-            assert "from 0 V to 1 V" in reply.structured_content["line"]
+            assert "from 0 V (0 deg) to 1 V (1.3 deg)" in reply.structured_content["line"]
             assert (await client.call_tool("state", {})).structured_content["outputs"] == {"position [V]": 0.0}
             read = [await client.read_resource(uri) for uri in ("rig://cam_beam", "docs://commander", "report://last")]
             assert all(each.contents[0].text for each in read)
