@@ -53,7 +53,7 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("home_place", "[TWo]?u"),
     ("verb", "o?V(?:o?J)*"),
     ("pace", "[Cc]"),
-    ("here", "W?H"),
+    ("here", "[WA]?H"),
     ("object", "J"),
     ("wish", "w"),
     ("displacing", "y"),

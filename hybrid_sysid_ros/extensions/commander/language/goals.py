@@ -53,6 +53,7 @@ class Goals(Values):
 
     def goal(self, item: Quantity, sign: float) -> Goal:
         output = self.output(item)
+        self.refuse_rate(item, output)
         if sign and item.role == "at":
             raise UserError(f"{item.text!r}: to that value, or by it? say 'to' or 'by' instead of 'at'")
         if not sign and item.role == "" and self.open(item, output):

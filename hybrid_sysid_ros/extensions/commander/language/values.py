@@ -103,6 +103,14 @@ class Values:
             return 0.01 * abs(item.value) * (shown.low if item.value < 0.0 else shown.high)
         return self.shown(item, shown)
 
+    def refuse_rate(self, item: Quantity, output: int) -> None:
+        """Raise UserError for a rate where a value is asked for."""
+        units = self.vocabulary.units_of(output)
+        is_rate = item.unit and any(map(item.unit.alike, (unit.rate for unit in units)))
+        if is_rate and item.role != "to" and item.output is None:
+            unit = self.vocabulary.outputs[output].unit
+            raise UserError(f"{item.text!r} says how fast: say how far, too, as in 'by 1 {unit} at 1 {unit}/s'")
+
     def shown(self, item: Quantity, output: SetPointRange, *, per: int = 0) -> float:
         """A quantity in the output's shown unit, or that a second."""
         if item.unit is None:
