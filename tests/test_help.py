@@ -15,6 +15,13 @@ from hybrid_sysid_ros.support import extensions
 COMMANDS = extensions.commands()
 SHARED = {"--rig", "--overwrite", "--seed", "--json", "--recover", "--model", "--domain"}
 """Options that take the same wherever a command has them."""
+FILES_ALONE = {
+    *("simulate", "film", "import", "parameters", "play", "rig new", "rig driver", "rig from", "rig layouts"),
+    *("export fmu", "export board", "export mjcf", "export page", "export ros2_control", "export urdf", "export loop"),
+    *("model export", "policy export", "friction", "trained-range"),
+    *("docs", "say", "mcp", "view"),  # which talk, or show a page
+}
+"""Commands whose result is no numbers on the screen."""
 
 
 def test_the_version_is_that_of_the_package(command):
@@ -48,10 +55,22 @@ def test_an_option_is_the_same_wherever_it_is():
     assert {name for name, found in kinds.items() if len(found) > 1} == set()
 
 
-@pytest.mark.parametrize("words", ["call", "check", "demo", "policy certify", "rig check", "run", "search", "set"])
-def test_numbers_for_people_are_there_for_scripts(words):
-    made = LateCommand(words, *COMMANDS[words]).made()
-    assert "--json" in {name for item in made.params for name in item.opts}
+def options(words: str) -> set[str]:
+    """Names of a command's options, and of its arguments in small letters."""
+    return {name for item in LateCommand(words, *COMMANDS[words]).made().params for name in item.opts}
+
+
+def test_numbers_for_people_are_there_for_scripts():
+    assert {words for words in COMMANDS if "--json" not in options(words)} == FILES_ALONE
+
+
+def test_what_a_command_writes_is_replaced_when_asked():
+    """Pages and pictures always are, and so is what a command that goes on from there has written itself."""
+    writing = {words for words in COMMANDS if not {"--out", "--bag", "out", "folder"}.isdisjoint(options(words))}
+    assert {words for words in writing if "--overwrite" not in options(words)} == {
+        *("rig new", "rig driver", "rig from"),  # which their user edits
+        *("mockup", "friction"),
+    }
 
 
 def test_a_default_is_shown_as_it_is_typed(command):

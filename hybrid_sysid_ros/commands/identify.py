@@ -78,39 +78,44 @@ def command(
     sampling = terminal.sampling_of(described, step, period, input_handling, **start)
     records = read_records(bag, rig, signals, recover, read_period, sampling)
     check_records(records, described, anyway=anyway)
-    with status.status("compiling") as spinner:
-
-        def progress(stage: str, evaluations: int, error: float) -> None:
-            status.print(f"  {stage}: error {100 * error:.1f} % of the output's deviation, {evaluations} simulations")
-            spinner.update("fitting")
-
-        model = identify(
-            records,
-            described,
-            structure,
-            sampling=sampling,
-            part=Part.parse(part),
-            options=parse(option or []),
-            seed=seed,
-            progress=progress,
-            refine=step is None,
-            criterion=criterion,
-        )
+    fitted = Part.parse(part)
+    model = _identified(
+        records,
+        described,
+        structure,
+        sampling=sampling,
+        part=fitted,
+        options=parse(option or []),
+        seed=seed,
+        refine=step is None,
+        criterion=criterion,
+    )
     model.save(out)
-    parts = [(record, Part.parse(part)) for record in records]
-    tell = status if as_json else console
+    parts = [(record, fitted) for record in records]
     if as_json:
         console.print(json.dumps(_content(model), indent=2))
     else:
         _show(model, described, parts)
     further = [compare(model, parts, described) for compare in comparisons]
     print_inspections([] if as_json else further)
+    tell = status if as_json else console
     if report is not None:
         section = reports.identification_section(model, parts)
         provenance = reports.provenance(load_model(out, rig=rig), typed())
         reports.write_report(report, section, None, provenance, inspections=further)
         tell.print(f"report: {report}")
     tell.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
+
+
+def _identified(records: Sequence[Record], rig: Rig, structure: str, **settings: Any) -> Model:
+    """The model of records, while the terminal shows how the fit goes; settings: further ones of :func:`identify`."""
+    with status.status("compiling") as spinner:
+
+        def progress(stage: str, evaluations: int, error: float) -> None:
+            status.print(f"  {stage}: error {100 * error:.1f} % of the output's deviation, {evaluations} simulations")
+            spinner.update("fitting")
+
+        return identify(records, rig, structure, progress=progress, **settings)
 
 
 def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> None:

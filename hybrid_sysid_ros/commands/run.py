@@ -87,14 +87,19 @@ def command(
     kept = outcome.bag if outcome.bag is not None and outcome.bag.exists() else None
     if outcome.diagnostics:
         summary = RunSummary.of(outcome.diagnostics, load_rig(rig or default()), bag=kept, lockstep=lockstep)
-        if as_json:
-            terminal.console.print(json.dumps(summary.content | {"diagnostics": outcome.diagnostics}, indent=2))
-        else:
-            if verbose:
-                terminal.print_table(_table(outcome.diagnostics))
-            terminal.print_lines(summary.lines, summary.alarms)
+        _print(summary, outcome.diagnostics, verbose=verbose, as_json=as_json)
     if outcome.interrupted:
         raise Interrupted(f"{outcome.bag} holds what was recorded" if kept else "")
+
+
+def _print(summary: RunSummary, diagnostics: Mapping[str, Mapping[str, Any]], *, verbose: bool, as_json: bool) -> None:
+    """Print how a run went, and the last diagnostics where all of them are asked for."""
+    if as_json:
+        terminal.console.print(json.dumps(summary.content | {"diagnostics": diagnostics}, indent=2))
+        return
+    if verbose:
+        terminal.print_table(_table(diagnostics))
+    terminal.print_lines(summary.lines, summary.alarms)
 
 
 def _in_file(file: Path | None) -> dict[str, dict[str, Any]]:

@@ -27,12 +27,13 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.arrays import NamedArrays
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
-from hybrid_sysid_ros.support.files import check_file, make_folder, written_file
+from hybrid_sysid_ros.support.files import check_file, make_folder, write_text
 from hybrid_sysid_ros.support.progress import progress_bars
 
 WORDS = {True: "yes", False: "NO", None: "open"}
 BATCH = 5
 """Shots that a process fires at a time."""
+PAGE, NUMBERS, SHOTS = "verdict.html", "verdict.json", "shots"
 
 
 def command(
@@ -79,8 +80,6 @@ def command(
     Ctrl-C keeps what is done; the same command goes on from there.
     """
     described = load_rig(rig or default())
-    place = out or Path("out") / f"mockup_{described.name}"
-    discrepancy = Discrepancy(mean=mean_off, spread=spread_off)
     setup = Setup.of(described, seed)
     if live_bags and model is None:
         raise UserError(
@@ -90,32 +89,42 @@ def command(
         live=live,
         simulated=simulated,
         plants=plants,
-        discrepancy=discrepancy,
+        discrepancy=Discrepancy(mean=mean_off, spread=spread_off),
         matters=matters,
         fleet=fleet,
         recorded=[LoopRecord.from_bag(bag, described) for bag in live_bags or []],
         model=None if model is None else load_model(model, rig=described.source),
     )
-    report.check_available()
-    for folder in (place, place / "shots"):
-        make_folder(folder)
-    for name in ("verdict.html", "verdict.json"):
-        check_file(place / name)
-    crew = Crew(folder=place / "shots", jobs=jobs, cluster=cluster)
+    place = out or Path("out") / f"mockup_{described.name}"
+    _prepare(place)
+    crew = Crew(folder=place / SHOTS, jobs=jobs, cluster=cluster)
     try:
-        found = mockup(setup, place, crew.fire, shooting, console.print)
+        found = mockup(setup, place, crew.fire, shooting, status.print if as_json else console.print)
     except KeyboardInterrupt:
         raise Interrupted(f"what is done is in {place}; the same command goes on from there") from None
-    content = _content(found)
-    with written_file(place / "verdict.json") as partial:
-        partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    source = report.provenance(found.model, typed())
-    write_mockup(place / "verdict.html", found, source)
+    content = _write(place, found)
     if as_json:
-        console.print(json.dumps(content, indent=2))
+        console.print(content)
         return
     print_table(_table(found))
-    console.print(f"report: {place / 'verdict.html'}   numbers: {place / 'verdict.json'}")
+    console.print(f"report: {place / PAGE}   numbers: {place / NUMBERS}")
+
+
+def _prepare(place: Path) -> None:
+    """Make the folders of the results. Raises UserError where they could not be written."""
+    report.check_available()
+    for folder in (place, place / SHOTS):
+        make_folder(folder)
+    for name in (PAGE, NUMBERS):
+        check_file(place / name)
+
+
+def _write(place: Path, found: Found) -> str:
+    """Write the page and the numbers, and return these as JSON."""
+    content = json.dumps(_content(found), indent=2)
+    write_text(place / NUMBERS, content + "\n")
+    write_mockup(place / PAGE, found, report.provenance(found.model, typed()))
+    return content
 
 
 @dataclass(frozen=True, kw_only=True)

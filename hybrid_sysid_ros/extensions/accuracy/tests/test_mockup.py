@@ -221,9 +221,9 @@ def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, 
     monkeypatch.setattr(
         "hybrid_sysid_ros.extensions.accuracy.mockup.identify", lambda *a, **k: pytest.fail("identified again")
     )
-    status, _, error = go(*counts)
+    status, out, error = go(*counts, "--json")
     assert status == 0, error
-    assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == reported
+    assert json.loads(out) == json.loads((tmp_path / "out" / "verdict.json").read_text()) == reported
 
 
 def test_what_the_rig_really_is_is_drawn_about_what_it_is_thought_to_be(sled):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -55,6 +56,7 @@ def command(
     cluster: terminal.ClusterAddress = "",
     rig: terminal.OwnRig = "",
     overwrite: terminal.Overwrite = False,
+    as_json: terminal.Json = False,
 ) -> None:
     """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train]).
 
@@ -87,6 +89,9 @@ def command(
         text = f"{kept} closed loops are kept in {samples}; the same command goes on from there"
         raise Interrupted(text if kept else "") from None
     policy.save(out)
+    if as_json:
+        terminal.console.print(json.dumps(policy.training, indent=2))
+        return
     table = Table("quantity", "value", title=f"policy {out}")
     for key, value in policy.training.items():
         table.add_row(key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))

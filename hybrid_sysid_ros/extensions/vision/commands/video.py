@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status, typed
+from hybrid_sysid_ros.commands.terminal import Json, Overwrite, RigName, console, print_table, status, typed
 from hybrid_sysid_ros.extensions.vision.camera.film import pictures
 from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.film_check import film_check
+from hybrid_sysid_ros.extensions.vision.reading.film_check import FilmCheck, film_check
+from hybrid_sysid_ros.extensions.vision.reading.film_quantity import film_quantities
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView, squaring
 from hybrid_sysid_ros.extensions.vision.reading.footage import Footage, followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import joint_reference
@@ -83,6 +85,7 @@ def command(
     ] = None,
     page: Annotated[Path | None, typer.Option("--report", help="HTML page to write.")] = None,
     overwrite: Overwrite = False,
+    as_json: Json = False,
 ) -> None:
     """Read a joint's angle out of a film, put it in a bag's time, and write a bag with both; predict its pictures."""
     described = load_rig(rig) if scene_file is None else with_scene(load_rig(rig), scene_file)
@@ -91,44 +94,66 @@ def command(
     view = FilmView(path=video)
     marks = _marks(described, video) if has_scene(described) else None
     if check:
-        _checked(view, described, marks, page or video.with_name(f"{video.stem}.check.html"), exposure=exposure)
+        place = page or video.with_name(f"{video.stem}.check.html")
+        _checked(view, described, marks, place, exposure=exposure, as_json=as_json)
         return
     if out is None:
         raise UserError("name the bag to write (--out), or look only at the film (--check)")
     if marks is not None:
-        with _named_in_errors(scene_file or described.file):
-            square = squaring(marks, scene_of(described).rectangle)
-        view, described = FilmView(path=video, square=square), _seen_squarely(described, square, video)
+        view, described = _squared(view, described, marks, scene_file or described.file)
     dynamics = None if model is None else _dynamics(model, bag, described, rig)
     layers = layers or (None if model is None else model / KIND)
-    scene = scene_of(described)
+    joint, tell = scene_of(described).joint, status if as_json else console
     check_folder(out, marker=bags.markers(out), replace=overwrite)
     if bag is not None:
-        joint_reference(described, scene.joint, bag)  # before the film is read, which may take a minute
+        joint_reference(described, joint, bag)  # before the film is read, which may take a minute
     if page is not None:
         report.check_available()
         check_file(page, suffix=".html")
-    with status.status("looking how the camera moves") as spinner, _named_in_errors(video, bag, layers):
-        kept = layers if layers is not None and (layers / f"{KIND}.yaml").exists() and not again else None
-        found, footage = _read(view, described, kept, readout=readout, searched=not pivot, tell=spinner.update)
-        spinner.update("synchronising")
-        record = video_record.joined(footage, found, described, bag, exposure=exposure)
-        if layers is not None and kept is None:
-            (found if bag is None else video_record.calibrated(found, record)).save(layers)
-        ahead: list[Judged] = []
-        if dynamics is not None and bag is not None:
-            spinner.update("predicting")
-            ahead = image_prediction.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
+    record, found, ahead = _recorded(
+        view, described, bag, layers, dynamics, again=again, readout=readout, searched=not pivot, exposure=exposure
+    )
     written = video_record.at_rate(record, rate or video_record.usual_rate(record))
-    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=typed())
-    _print(record, ahead)
-    console.print(f"{out}: {len(written.stamps)} positions of {scene.joint}")
+    video_record.write(written, described, joint, bag, out, replace=overwrite, made_by=typed())
+    _print(record, ahead, as_json=as_json)
+    tell.print(f"{out}: {len(written.stamps)} positions of {joint}")
     if bag is not None:
-        _write_signals(out, described, scene.joint)
+        signals = out.with_name(f"{out.name}.signals.yaml")
+        video_record.write_signals(signals, described, joint)
+        tell.print(f"{signals}: for hybrid-sysid identify {out} --signals {signals}")
     if page is not None:
         provenance = _provenance({"film": video} | ({"bag": bag} if bag is not None else {}))
         write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
-        console.print(f"report: {page}")
+        tell.print(f"report: {page}")
+
+
+def _recorded(
+    view: FilmView,
+    rig: Rig,
+    bag: Path | None,
+    layers: Path | None,
+    dynamics: Model | None,
+    *,
+    again: bool,
+    readout: float,
+    searched: bool,
+    exposure: float,
+) -> tuple[video_record.VideoRecord, PictureLayers, list[Judged]]:
+    """Positions of a film in a bag's time, the layers by which they were read, which are saved where they are new, and
+    its pictures beside those that a model predicts.
+    """
+    with status.status("looking how the camera moves") as spinner, _named_in_errors(view.path, bag, layers):
+        kept = layers if layers is not None and (layers / f"{KIND}.yaml").exists() and not again else None
+        found, footage = _read(view, rig, kept, readout=readout, searched=searched, tell=spinner.update)
+        spinner.update("synchronising")
+        record = video_record.joined(footage, found, rig, bag, exposure=exposure)
+        if layers is not None and kept is None:
+            (found if bag is None else video_record.calibrated(found, record)).save(layers)
+        if dynamics is None or bag is None:
+            return record, found, []
+        spinner.update("predicting")
+        ahead = image_prediction.of_video(view.path, dynamics, rig, bag, record, found, exposure=exposure)
+    return record, found, ahead
 
 
 def _dynamics(model: Path, bag: Path | None, rig: Rig, name: str) -> Model:
@@ -141,13 +166,6 @@ def _dynamics(model: Path, bag: Path | None, rig: Rig, name: str) -> Model:
     if found.rig != rig.name:
         raise UserError(f"{model}: is a model of {found.rig}, not of {rig.name}")
     return found
-
-
-def _write_signals(out: Path, rig: Rig, joint: str) -> None:
-    """Write the file by which the bag of a film is identified from, and name it."""
-    signals = out.with_name(f"{out.name}.signals.yaml")
-    video_record.write_signals(signals, rig, joint)
-    console.print(f"{signals}: for hybrid-sysid identify {out} --signals {signals}")
 
 
 def _read(
@@ -164,7 +182,7 @@ def _read(
         film = picked(view)  # first, as it refuses a film that is too short or changes its size
         rig, far = with_turning_point(view, rig) if searched else (rig, 0.0)
         if far:
-            console.print(
+            status.print(
                 f"note: what moves turns {far:.0%} of the width beside the scene's pivot: about there it is read"
             )
         found, _ = learn(film, rig, readout=readout, sized=searched, progress=lambda stage: tell(f"learning: {stage}"))
@@ -172,10 +190,17 @@ def _read(
     return found, followed(view, reader, lamp, progress=lambda count: tell(f"reading: {count} pictures"))
 
 
-def _print(record: video_record.VideoRecord, ahead: Sequence[Judged]) -> None:
+def _print(record: video_record.VideoRecord, ahead: Sequence[Judged], *, as_json: bool) -> None:
     """Print what is odd about a film, and what was found in it."""
-    for remark in [*record.footage.remarks(), *video_record.contradictions(record)]:
-        console.print(f"note: {remark}")
+    notes = [*record.footage.remarks(), *video_record.contradictions(record)]
+    if as_json:
+        found = [asdict(item) for item in film_quantities(record)]
+        console.print(
+            json.dumps({"notes": notes, "found": found, "ahead": [asdict(item) for item in summaries(ahead)]})
+        )
+        return
+    for note in notes:
+        console.print(f"note: {note}")
     print_table(table_of(record))
     if ahead:
         print_table(ahead_table(ahead))
@@ -211,28 +236,39 @@ def _marks(rig: Rig, video: Path) -> Array | None:
     return np.reshape(marks, (4, 2)) * _size(video)[0] - 0.5 if marks else None
 
 
-def _seen_squarely(rig: Rig, square: NDArray[np.float64], video: Path) -> Rig:
-    """The rig with its pivot where it is in pictures that are seen squarely by a homography."""
-    columns = _size(video)[0]
-    x, y = (np.array(scene_of(rig).pivot) * columns - 0.5).tolist()
+def _squared(view: FilmView, rig: Rig, marks: Array, named: Path) -> tuple[FilmView, Rig]:
+    """The film as if it were seen squarely, by a homography from its marks, and the rig with its pivot there; named:
+    the file that marks and rectangle are from.
+    """
+    scene, columns = scene_of(rig), _size(view.path)[0]
+    with _named_in_errors(named):
+        square = squaring(marks, scene.rectangle)
+    x, y = (np.array(scene.pivot) * columns - 0.5).tolist()
     there = square @ np.array([x, y, 1.0])
     x, y = ((there[:2] / there[2] + 0.5) / columns).tolist()
-    return with_pivot(rig, (x, y))
+    return FilmView(path=view.path, square=square), with_pivot(rig, (x, y))
 
 
-def _checked(view: FilmView, rig: Rig, marks: Array | None, page: Path, *, exposure: float) -> None:
+def _checked(view: FilmView, rig: Rig, marks: Array | None, page: Path, *, exposure: float, as_json: bool) -> None:
     """Print what a film has and lacks, and write the page."""
     report.check_available()
     check_file(page, suffix=".html")
     with status.status("looking at the film"), _named_in_errors(view.path):
         found = film_check(view, exposure=exposure, marks=marks)
-    table = Table("", "found", "what to do", title=view.path.name)
+    if as_json:
+        console.print(json.dumps([asdict(finding) for finding in found.findings], indent=2))
+    else:
+        print_table(_check_table(found, view.path.name))
+    written = write_check(page, found, view.path, rig, _provenance({"film": view.path}))
+    (status if as_json else console).print(f"page to click pivot, tip and marks on: {written}")
+
+
+def _check_table(found: FilmCheck, name: str) -> Table:
+    table = Table("", "found", "what to do", title=name)
     for finding in found.findings:
         style = "red" if finding.bad else "yellow" if finding.advice else ""
         table.add_row(finding.what, finding.found, finding.advice or "good", style=style)
-    print_table(table)
-    written = write_check(page, found, view.path, rig, _provenance({"film": view.path}))
-    console.print(f"page to click pivot, tip and marks on: {written}")
+    return table
 
 
 @contextmanager
@@ -247,21 +283,10 @@ def _named_in_errors(file: Path, *others: Path | None) -> Iterator[None]:
 
 
 def table_of(record: video_record.VideoRecord) -> Table:
-    """What was found, each with its standard deviation."""
-    footage, found = record.footage, record.synchronisation
+    """Table of what was found."""
     table = Table("", "value", "standard deviation", "unit", title="camera")
-    degrees = [math.degrees(value) for value in footage.deviations if math.isfinite(value)]
-    table.add_row("pictures", str(len(footage.times)), "", "")
-    table.add_row("rate", f"{footage.rate:.4f}", "", "1/s")
-    table.add_row("angle of a picture", "", f"{sorted(degrees)[len(degrees) // 2]:.4f}" if degrees else "", "degrees")
-    if record.onset is not None:
-        table.add_row("lamp on", f"{record.onset.time:.5f}", f"{record.onset.deviation:.5f}", "s of the film")
-    if found is not None:
-        shift, rate, scale, offset = found.deviations.tolist()
-        table.add_row("shift", f"{found.shift:.6f}", f"{shift:.6f}", "s")
-        table.add_row("rate", f"{1e6 * found.rate:.2f}", f"{1e6 * rate:.2f}", "ppm")
-        table.add_row("scale", f"{found.scale:.5f}", f"{scale:.5f}", "")
-        table.add_row("offset", f"{math.degrees(found.offset):.4f}", f"{math.degrees(offset):.4f}", "degrees")
+    for item in film_quantities(record):
+        table.add_row(item.name, *item.texts, item.unit)
     return table
 
 
@@ -272,8 +297,13 @@ def ahead_table(rows: Sequence[Judged]) -> Table:
         "as the picture shows it", "within 2 deviations",
         title="pictures ahead: structural similarity in the band that the joint comes over",
     )  # fmt: skip
-    for item in (Summary.of(rows, ahead) for ahead in AHEAD):
+    for item in summaries(rows):
         cells = [f"{value:.3f}" for value in (item.likeness, item.mean, item.still)]
         errors = [f"{math.degrees(value):.3f}" for value in (item.error, item.shown)]
         table.add_row(f"{item.ahead:g} s", str(item.count), *cells, *errors, f"{item.inside:.0%}")
     return table
+
+
+def summaries(rows: Sequence[Judged]) -> list[Summary]:
+    """Predicted pictures, together for each time ahead."""
+    return [Summary.of(rows, ahead) for ahead in AHEAD] if rows else []

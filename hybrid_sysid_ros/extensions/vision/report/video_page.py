@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
+from hybrid_sysid_ros.extensions.vision.reading.film_quantity import film_quantities
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, calibrated, contradictions
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
@@ -30,25 +31,10 @@ def write_video(
     check_available()
     from hybrid_sysid_ros.extensions.vision.report import video_figures as figures
 
-    footage, found, known = record.footage, record.synchronisation, calibrated(layers, record)
-    finite = footage.deviations[np.isfinite(footage.deviations)]
-    rows = [("pictures", float(len(footage.times)), math.nan, ""), ("rate", footage.rate, math.nan, "1/s")]
-    if len(finite):
-        rows.append(("standard deviation of an angle", math.degrees(float(np.median(finite))), math.nan, "°"))
-    if record.onset is not None:
-        rows.append(("lamp on, in the film's time", record.onset.time, record.onset.deviation, "s"))
-    if found is not None:
-        shift, rate, scale, offset = found.deviations.tolist()
-        rows += [
-            ("shift", found.shift, shift, "s"),
-            ("rate", 1e6 * found.rate, 1e6 * rate, "ppm"),
-            ("scale", found.scale, scale, ""),
-            ("offset", math.degrees(found.offset), math.degrees(offset), "°"),
-            ("camera less encoder, rms", math.degrees(found.residual), math.nan, "°"),
-        ]
+    footage, known = record.footage, calibrated(layers, record)
     content = {
         "title": title,
-        "rows": rows,
+        "rows": film_quantities(record),
         "remarks": [*footage.remarks(), *contradictions(record)],
         "positions": drawn(figures.positions(record), "positions"),
         "lamp": drawn(figures.lamp(record), "lamp") if np.isfinite(footage.lamp).any() else "",
