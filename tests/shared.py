@@ -9,7 +9,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import socket
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +26,7 @@ from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation import METHODS, Estimator
 from hybrid_sysid_ros.models import Model, Sampling, load
+from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -38,6 +39,29 @@ if TYPE_CHECKING:
     from tests.node_bench import Bench
 
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # before the first import of a message: a wrong type fails, not corrupts
+
+
+@contextmanager
+def rigs_of_its_own() -> Iterator[None]:
+    """Rigs that are given by their paths meanwhile are unknown afterwards, here and to processes that are started."""
+    before = outside.chosen_paths()
+    yield
+    for folder in set(outside.chosen_paths()) - set(before):
+        rigs._LOADED.pop(folder, None)
+    os.environ[outside.VARIABLE] = "\n".join(map(str, before))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _rigs_of_a_module() -> Iterator[None]:
+    """Before the module's own fixtures, which may give some."""
+    with rigs_of_its_own():
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _rigs_of_a_test() -> Iterator[None]:
+    with rigs_of_its_own():
+        yield
 
 
 @pytest.fixture(scope="session")

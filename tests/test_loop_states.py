@@ -16,7 +16,7 @@ from hybrid_sysid_ros.nodes.diagnostics import ERROR, WARN
 from hybrid_sysid_ros.nodes.operation import ControllerMode, Operation
 from hybrid_sysid_ros.support.errors import UserError
 from tests.node_bench import VOLT, Bench
-from tests.test_controller_node import Wheel
+from tests.wheel import Wheel
 
 
 @pytest.fixture

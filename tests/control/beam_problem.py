@@ -1,7 +1,9 @@
-"""A control problem of the beam, which tests of its MPC share."""
+"""A linear beam and a control problem of the beam, which tests of its MPC share."""
 
 from hybrid_sysid_ros.control import ControlProblem
+from tests.one_joint import Linear
 
+LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
 PROBLEM = ControlProblem(
     horizon=10,
     period=0.02,

@@ -1,13 +1,22 @@
 """What tests of rigs share."""
 
+from pathlib import Path
+
 import pytest
 
-from hybrid_sysid_ros.rigs import outside
-from hybrid_sysid_ros.rigs import rig as rigs
+from tests.rigs.tank import TANK, TANK_VALUES
 
 
-@pytest.fixture(autouse=True)
-def _nothing_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each test begins as a process does, with no rig named by its path."""
-    monkeypatch.setenv(outside.VARIABLE, "")
-    monkeypatch.setattr(rigs, "_LOADED", dict(rigs._LOADED))
+@pytest.fixture
+def make(tmp_path: Path):
+    """Write a rig's folder."""
+
+    def made(name: str = "tanks", system: str | None = TANK, values: str | None = TANK_VALUES) -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        for file, text in (("system.py", system), ("rig.yaml", values)):
+            if text is not None:
+                (folder / file).write_text(text)
+        return folder
+
+    return made

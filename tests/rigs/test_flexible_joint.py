@@ -11,7 +11,7 @@ import pytest
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.steady_motion import steady_motion
-from hybrid_sysid_ros.core import one_step, simulate
+from hybrid_sysid_ros.core import one_step, simulate, step_with_jacobian
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import build, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -164,3 +164,27 @@ def test_the_shipped_policy_answers_alike_after_many_turns(model):
             shipped.control(x, *given).inputs, shipped.control(x + turned, *given).inputs, atol=1e-6
         )
         assert shipped.inside(x, *given) == shipped.inside(x + turned, *given)
+
+
+def test_the_flexible_joint_rings_at_the_frequency_of_its_spring():
+    """Free-free, w^2 = Ke (1/J + 1/I): a small twist of the rig without friction or damping."""
+    structures = rigs.load("flexible_joint").structures
+    named = structures["linear"].named
+    kind: Any = type(structures["linear"])
+    joint = kind(viscous_friction=0.0)
+    expected = np.sqrt(named["spring"] * (1 / named["motor_inertia"] + 1 / named["link_inertia"])) / (2 * np.pi)
+    states = simulate(joint, np.array([0.01, 0.0, 0.0, 0.0]), np.zeros((20_000, 1)), step=1e-4)
+    twist = states[:, 0] - states[:, 1]
+    crossings = np.flatnonzero((twist[:-1] < 0) & (twist[1:] >= 0)) * 1e-4
+    assert 1 / np.mean(np.diff(crossings)) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("structure", ["dahl", "lugre"])
+def test_bristles_at_rest_give_way_to_a_small_torque(structure):
+    """The slope of the motor's speed by the torque is that of a small step, not zero: optimisers begin there."""
+    system = rigs.load("flexible_joint").structures[structure]
+    n, small = len(system.states), 1e-6
+    _, jacobian = step_with_jacobian(system, np.zeros(n), np.zeros(1), step=1e-3, smoothing=0.01)
+    moved = one_step(system, np.zeros(n), np.array([small]), step=1e-3) / small
+    np.testing.assert_allclose(jacobian[:, n], moved, rtol=1e-4)
+    assert moved[2] > 0.0
