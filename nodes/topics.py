@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -169,12 +169,3 @@ def qualities_of(publishers: Iterable[Any]) -> list[QualityOfService]:
         )
         for profile in profiles
     ]
-
-
-def profile_of(qualities: Sequence[QualityOfService]) -> QoSProfile:
-    """A profile to publish a topic again; the default of ROS where its publishers differed or are unknown."""
-    chosen = qualities[0] if len(set(qualities)) == 1 else QualityOfService()
-    policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
-    reported = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}
-    known = {name: policy for name, policy in reported.items() if policy is not None}
-    return QoSProfile(**{"depth": max(chosen.depth, QualityOfService.depth), **known})

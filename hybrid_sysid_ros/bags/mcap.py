@@ -27,7 +27,6 @@ LARGEST_RECORD = 1 << 20  # bytes of a record that is no message: definitions of
 _RECORD = struct.Struct("<BQ")  # code and size
 _START = struct.Struct("<BQH4xQ8x")  # the same, and of a message its channel and time of logging
 _CHUNK = struct.Struct("<16xQII")  # unpacked size, checksum, length of the compression's name
-CHECKSUM_PLACE = _RECORD.size + 24  # in a chunk's record
 _FOOTER = struct.Struct("<BQQQI")  # code, size, where the summary begins and its second part, checksum
 _STATISTICS = struct.Struct("<QHIIIIQQI")  # messages, schemas, channels, -, -, chunks, -, -, bytes of the table behind
 _COUNT = struct.Struct("<HQ")  # channel and its messages

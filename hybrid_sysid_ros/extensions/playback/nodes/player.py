@@ -10,9 +10,10 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
+from hybrid_sysid_ros.bags import QualityOfService
 from hybrid_sysid_ros.bags.bag import Bag, opened
 from hybrid_sysid_ros.extensions.playback.nodes.keys import keys
 from hybrid_sysid_ros.extensions.playback.nodes.playback_clock import PlaybackClock
@@ -50,7 +51,7 @@ class PlayerNode(RigNode):
             for name in (name for name, kind in kinds.items() if kind is None):
                 self.get_logger().error(f"topic {name} is not played: no type {bag.topics[name].type} is installed")
             self.played = {
-                name: (kind, topics.profile_of(bag.qualities.get(name, ())))
+                name: (kind, _profile_of(bag.qualities.get(name, ())))
                 for name, kind in kinds.items()
                 if kind is not None
             }
@@ -166,6 +167,15 @@ class PlayerNode(RigNode):
         words = "done" if self.ended or self.finished.done() else "paused" if self.playback.paused else "playing"
         values = {"messages": self.sent, "rounds": self.rounds, "bag": self.settings["bag"]}
         return [Task(name="player", message=words, values=values)]
+
+
+def _profile_of(qualities: Sequence[QualityOfService]) -> QoSProfile:
+    """A profile to publish a topic again; the default of ROS where its publishers differed or are unknown."""
+    chosen = qualities[0] if len(set(qualities)) == 1 else QualityOfService()
+    policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
+    reported = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}
+    known = {name: policy for name, policy in reported.items() if policy is not None}
+    return QoSProfile(**{"depth": max(chosen.depth, QualityOfService.depth), **known})
 
 
 def main() -> int:
