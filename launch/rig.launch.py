@@ -235,21 +235,8 @@ class Watch:
         return self.started(make, moves=moves)
 
 
-def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-    """Those that are asked for, once all questions about them are answered, and what follows of their ends."""
-    given = context.launch_configurations
-    # Launch says nothing of what nobody declares; a file that includes this one may have more.
-    for text in context.argv:
-        if (name := text.partition(":=")[0]) not in ARGUMENTS:
-            why = extensions.missing(f"--{name}") or errors.known(name, ARGUMENTS)
-            get_logger(PACKAGE).warning(f"rig.launch.py has no argument {name}: {why}")
-    try:
-        values = parameters(given)
-        check(given, values)
-    except errors.UserError as error:
-        for line in errors.lines_of(error):
-            get_logger(PACKAGE).error(line)
-        raise errors.UserError("nothing was started") from error
+def maker(given: Mapping[str, str]) -> Callable[..., Node]:
+    """What makes a node of the launch's arguments: an executable's, with its parameters and options."""
     shared = {**({"rig": given["rig"]} if given["rig"] else {}), "use_sim_time": given["use_sim_time"] == "true"}
     # A loop's matrices are too small for more threads.
     threads = {name: os.environ.get(name, "1") for name in processes.THREADS}
@@ -278,6 +265,25 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             **more,
         )
 
+    return node
+
+
+def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    """Those that are asked for, once all questions about them are answered, and what follows of their ends."""
+    given = context.launch_configurations
+    # Launch says nothing of what nobody declares; a file that includes this one may have more.
+    for text in context.argv:
+        if (name := text.partition(":=")[0]) not in ARGUMENTS:
+            why = extensions.missing(f"--{name}") or errors.known(name, ARGUMENTS)
+            get_logger(PACKAGE).warning(f"rig.launch.py has no argument {name}: {why}")
+    try:
+        values = parameters(given)
+        check(given, values)
+    except errors.UserError as error:
+        for line in errors.lines_of(error):
+            get_logger(PACKAGE).error(line)
+        raise errors.UserError("nothing was started") from error
+    node = maker(given)
     watch = Watch(respawns(given))
     apart = {name for item in companions(given) if item.beside for name in item.nodes(loop_of(given))}
     beside = [node(name, values.pop(name), name=name) for name in sorted(apart)]

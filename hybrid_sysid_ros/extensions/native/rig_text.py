@@ -33,65 +33,15 @@ def of_ros() -> dict[str, NodeParameter]:
 
 def texts(rig: Rig, python: PythonLoop, values: Mapping[str, Mapping[str, Any]], *, body: str) -> dict[str, str]:
     """rig.h and rig.c of a loop. values: all parameters of both nodes. body: what the diagnostics call it."""
-    system, mpc = python.estimator.system, python.mpc
-    name, layout = unit_name(rig.name), SignalLayout(rig, system)
-    followed = tuple(python.estimator.tuning.followed)
-    rates = python.guarded.guard.settings.rate
-    bounds = [
-        (item.low - slack, item.high + slack) for item in rig.actuators for slack in [SLACK * (item.high - item.low)]
-    ]
-    slots = [(place, -BEYOND, BEYOND) for place in layout.outputs]
-    slots += [(place, *bound) for place, bound in zip(layout.inputs, bounds, strict=True)]
-    labels = python.estimator.labels
-    numbers = {
-        "STATES": len(layout.states),
-        "INPUTS": len(layout.inputs),
-        "OUTPUTS": len(layout.outputs),
-        "HORIZON": mpc.horizon,
-        "FOLLOWED": len(followed),
-        "FURTHER": len(layout.further),
-        "PERIOD": number(python.estimator.period),
-        "INTERVAL": number(mpc.period),
-        "REACH": f"INT64_C({round((system.delay + values['controller']['latency']) * 1e9)})",
-        "GATE": number(python.estimator.tuning.gate),
-        "INNOVATIONS": round(WINDOW * values["estimator"]["rate"]),
-        "BEYOND": number(BEYOND),
-        "DOUBTS": len(REASONS),
-        "LOCKSTEP_DEPTH": 10_000,
-        "COVARIANCE_SIZE": len(labels),
-        "COVARIANCE_LABEL": text(f"covariance of {', '.join(labels)}"),
-        "RIG": text(rig.name),
-        "INPUT_REVERSED": text(REVERSED),
-        "BODY": text(body),
-        "NOT_WATCHED_SENSORS": text(UNWATCHED_SENSORS),
-        "NOT_WATCHED_LOOP": text(UNWATCHED_LOOP),
-        "UNIT(what)": f"{name}_##what",
-    }
-    arrays: dict[str, tuple[str, Sequence[str]]] = {
-        "measured_slots": ("slot", [_slot(*item) for item in slots]),
-        "further_outputs": ("int", [str(k) for k in layout.further]),
-        "followed_names": ("char *const", [text(item) for item in followed]),
-        "tracked": ("bool", [str(int(weight > 0.0)) for weight in mpc.problem.output_weights]),
-        "rest": ("double", [number(item.rest) for item in rig.actuators]),
-        "input_low": ("double", list(map(number, python.limits[0]))),
-        "input_high": ("double", list(map(number, python.limits[1]))),
-        "input_rate": ("double", list(map(number, rates))),
-        "output_names": ("char *const", [text(item.name) for item in system.outputs]),
-        "input_names": ("char *const", [text(item.name) for item in system.inputs]),
-        "doubt_names": ("char *const", list(map(text, REASONS))),
-        "doubts": ("char *const", list(map(text, REASONS.values()))),
-        "reach_low": ("double", list(map(number, rig.reach[0]))),
-        "reach_high": ("double", list(map(number, rig.reach[1]))),
-    }
+    layout, followed = SignalLayout(rig, python.estimator.system), tuple(python.estimator.tuning.followed)
     forms = {
         "estimate_form": layout.estimate(followed),
         "command_form": layout.inputs,
         "plan_form": [*layout.states, *layout.inputs],
     }
-    header, source = _HEAD[:], ["#include <math.h>", "", '#include "rig.h"', ""]
-    header.insert(0, f'#include "{name}.h"')
-    header += [f"#define {key} {value}" for key, value in numbers.items()]
-    for key, (kind, items) in arrays.items():
+    header, source = [f'#include "{unit_name(rig.name)}.h"', *_HEAD], ["#include <math.h>", "", '#include "rig.h"', ""]
+    header += [f"#define {key} {value}" for key, value in _numbers(rig, python, layout, values, body).items()]
+    for key, (kind, items) in _arrays(rig, python, layout).items():
         header.append(f"extern const {kind} {key}[];")
         source.append(f"const {kind} {key}[] = {{{', '.join(items or ['0'])}}};")
     for key, places in forms.items():
@@ -111,6 +61,63 @@ def texts(rig: Rig, python: PythonLoop, values: Mapping[str, Mapping[str, Any]],
     header.append("#define LOCKSTEP (controller_parameters[CONTROLLER_LOCKSTEP].number != 0.0)")
     guarded = ["#ifndef RIG_H", "#define RIG_H", "", *header, "", "#endif", ""]
     return {"rig.h": "\n".join(guarded), "rig.c": "\n".join([*source, ""])}
+
+
+def _numbers(
+    rig: Rig, python: PythonLoop, layout: SignalLayout, values: Mapping[str, Mapping[str, Any]], body: str
+) -> dict[str, Any]:
+    """Macros by name."""
+    estimator, labels = python.estimator, python.estimator.labels
+    return {
+        "STATES": len(layout.states),
+        "INPUTS": len(layout.inputs),
+        "OUTPUTS": len(layout.outputs),
+        "HORIZON": python.mpc.horizon,
+        "FOLLOWED": len(estimator.tuning.followed),
+        "FURTHER": len(layout.further),
+        "PERIOD": number(estimator.period),
+        "INTERVAL": number(python.mpc.period),
+        "REACH": f"INT64_C({round((estimator.system.delay + values['controller']['latency']) * 1e9)})",
+        "GATE": number(estimator.tuning.gate),
+        "INNOVATIONS": round(WINDOW * values["estimator"]["rate"]),
+        "BEYOND": number(BEYOND),
+        "DOUBTS": len(REASONS),
+        "LOCKSTEP_DEPTH": 10_000,
+        "COVARIANCE_SIZE": len(labels),
+        "COVARIANCE_LABEL": text(f"covariance of {', '.join(labels)}"),
+        "RIG": text(rig.name),
+        "INPUT_REVERSED": text(REVERSED),
+        "BODY": text(body),
+        "NOT_WATCHED_SENSORS": text(UNWATCHED_SENSORS),
+        "NOT_WATCHED_LOOP": text(UNWATCHED_LOOP),
+        "UNIT(what)": f"{unit_name(rig.name)}_##what",
+    }
+
+
+def _arrays(rig: Rig, python: PythonLoop, layout: SignalLayout) -> dict[str, tuple[str, Sequence[str]]]:
+    """Types and items of constant arrays by name."""
+    bounds = [
+        (item.low - slack, item.high + slack) for item in rig.actuators for slack in [SLACK * (item.high - item.low)]
+    ]
+    slots = [(place, -BEYOND, BEYOND) for place in layout.outputs]
+    slots += [(place, *bound) for place, bound in zip(layout.inputs, bounds, strict=True)]
+    system, rates = python.estimator.system, python.guarded.guard.settings.rate
+    return {
+        "measured_slots": ("slot", [_slot(*item) for item in slots]),
+        "further_outputs": ("int", [str(k) for k in layout.further]),
+        "followed_names": ("char *const", [text(item) for item in python.estimator.tuning.followed]),
+        "tracked": ("bool", [str(int(weight > 0.0)) for weight in python.mpc.problem.output_weights]),
+        "rest": ("double", [number(item.rest) for item in rig.actuators]),
+        "input_low": ("double", list(map(number, python.limits[0]))),
+        "input_high": ("double", list(map(number, python.limits[1]))),
+        "input_rate": ("double", list(map(number, rates))),
+        "output_names": ("char *const", [text(item.name) for item in system.outputs]),
+        "input_names": ("char *const", [text(item.name) for item in system.inputs]),
+        "doubt_names": ("char *const", list(map(text, REASONS))),
+        "doubts": ("char *const", list(map(text, REASONS.values()))),
+        "reach_low": ("double", list(map(number, rig.reach[0]))),
+        "reach_high": ("double", list(map(number, rig.reach[1]))),
+    }
 
 
 _RIG = NodeParameter(name="rig", default="", description="Rig, by its name or by the path of its folder")
