@@ -13,7 +13,6 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hybrid_sysid_ros.library.arguments import given_sampling
 from hybrid_sysid_ros.models import InputHandling, Sampling, structure_names
 from hybrid_sysid_ros.rigs import folder
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -108,6 +107,8 @@ def sampling_of(
     """The sampling of options, the rest as the rig's file says; start: ``initial``, ``initial_samples``, ``warm_up``.
     Raises UserError for values that can't be.
     """
+    from hybrid_sysid_ros.library.arguments import given_sampling  # whose SciPy would double the start of `call stop`
+
     given = {"step": step, "period": period, "input": handling, **start}
     return given_sampling({name: value for name, value in given.items() if value is not None}, rig)
 

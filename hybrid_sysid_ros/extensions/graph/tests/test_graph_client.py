@@ -133,3 +133,9 @@ def test_the_command_line_prints_what_a_node_answers(bench: Bench, domain: int) 
     )  # fmt: skip
     bench.until(lambda: client.poll() is not None)
     assert json.loads(client.communicate()[0]) == {"autostart": False}
+
+
+def test_a_stop_does_not_wait_for_what_identifies() -> None:
+    """SciPy's signal takes longer to load than all else of `call stop`."""
+    code = "import sys, hybrid_sysid_ros.extensions.graph.commands.call; print('scipy.signal' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
