@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control.mpc import shooting
+from hybrid_sysid_ros.control.mpc import sequential, shooting
 from hybrid_sysid_ros.control.safety.supervision import INPUT_ROUNDING as ROUNDING
 from hybrid_sysid_ros.control.safety.supervision import _bounded
 
@@ -59,10 +59,11 @@ class Calls(list[tuple[object, ...]]):
         return call
 
     def feedback(self):
-        return shooting.feedback(None, SimpleNamespace(disturbance=None), None, SimpleNamespace(disturbance=None))
+        horizon = SimpleNamespace(disturbance=None, progress=[SimpleNamespace(foreseen=3)])
+        return shooting.feedback(None, horizon, None, SimpleNamespace(disturbance=None))
 
 
-@pytest.mark.parametrize("cost", [50.0, 100.0 * (1.0 + shooting.DOUBT)])
+@pytest.mark.parametrize("cost", [50.0, 100.0 * (1.0 + sequential.DOUBT)])
 def test_a_step_that_costs_what_was_predicted_is_taken(monkeypatch, cost):
     calls = Calls(monkeypatch, cost)
     found = calls.feedback()
@@ -71,14 +72,14 @@ def test_a_step_that_costs_what_was_predicted_is_taken(monkeypatch, cost):
     assert calls[0] == ("evaluate_program", True)
 
 
-@pytest.mark.parametrize("cost", [100.0 * (1.0 + 1.1 * shooting.DOUBT), np.inf, np.nan])
+@pytest.mark.parametrize("cost", [100.0 * (1.0 + 1.1 * sequential.DOUBT), np.inf, np.nan])
 def test_a_step_that_costs_more_is_taken_back_and_made_about_the_state_itself(monkeypatch, cost):
     calls = Calls(monkeypatch, cost)
     assert calls.feedback() == "about the state itself"
     assert [call for call in calls if call[0] in ("make_step", "apply_step", "improve")] == [
         ("make_step",),
         ("apply_step", -1.0),
-        ("improve",),
+        ("improve", False),
     ]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.mpc_speed import cases, loop
 from hybrid_sysid_ros.control import ExactMpc, Status
+from hybrid_sysid_ros.control.mpc.sequential import ASSURED
 from hybrid_sysid_ros.core import simulate
 from tests.control.beam_problem import PROBLEM
 
@@ -25,6 +26,31 @@ def test_a_real_time_iteration_follows_the_optimum(rig):
             each.prepare(PROBLEM.period)
         x = simulate(rig.system, x, np.tile(u, (4, 1)), step=0.005)[-1]
     assert np.median(apart) < 0.001  # but for the moments when the beam turns round
+
+
+def test_a_period_linearises_twice_only_where_a_prepared_step_did_not_cost_what_was_predicted(rig):
+    """At rest where it should be the beam is as predicted. Pushed it is not, and until it is again nothing is prepared.
+
+    Who linearised is seen by the derivatives that it leaves.
+    """
+    controller = ExactMpc(rig.system, PROBLEM, real_time=True)
+    rest, u, linear = np.array([0.03, 0.0]), np.array([rig.system.centre]), controller.shooting.horizon.linear
+    x, prepared, linearised, foreseen = rest, [False], [], controller.shooting.horizon.progress["foreseen"]
+    for k in range(60):
+        x = x + (k == 20) * np.array([-0.1, 1.5])
+        before = linear.A.copy()
+        u = controller.control(x, np.zeros(1), u, np.full((10, 1), 0.03)).input
+        linearised.append(not np.array_equal(linear.A, before))
+        before = linear.A.copy()
+        controller.prepare(PROBLEM.period)
+        prepared.append(not np.array_equal(linear.A, before))
+        assert prepared[-1] == (foreseen[0] >= ASSURED)
+        x = simulate(rig.system, x, np.tile(u, (4, 1)), step=0.005)[-1] if 20 <= k < 40 else rest
+    done = np.array(linearised, int) + np.array(prepared[:-1])
+    assert done.tolist() == [1] * 21 + [2] + [1] * 38, "and never less than once"
+    assert prepared[21], "at rest it was prepared"
+    assert not any(prepared[22:50])
+    assert all(prepared[51:]), "and is so again"
 
 
 def test_on_the_lecture_s_polynomial_one_iteration_a_call_costs_little():

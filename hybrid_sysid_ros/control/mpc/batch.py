@@ -23,7 +23,7 @@ from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult
-from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, answer, plan_within, shift_trajectory
+from hybrid_sysid_ros.control.mpc.shooting import CONVERGE, HorizonMemory, answer, plan_within, shift_trajectory
 from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
@@ -226,7 +226,9 @@ def _answer(
     """Answer an instance as a call of the controller does; return whether there still is no plan."""
     found = SolverResult(False, 0, np.inf)
     for _ in range(effort.attempts):
-        found = answer(prediction, horizon, program, instance, effort.iterations, effort.tolerance, cold, False, True)
+        found = answer(
+            prediction, horizon, program, instance, effort.iterations, effort.tolerance, cold, CONVERGE, True
+        )
         cold = cold and found.iterations == 0
         if found.solved:
             break

@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program, clear_working_set, factorise
+from hybrid_sysid_ros.control.mpc.sequential import ASSURED
 from hybrid_sysid_ros.control.mpc.shooting import (
+    CONVERGE,
+    FEEDBACK,
+    IMPROVE,
     answer,
     linearise_program,
     plan_within,
@@ -25,9 +29,9 @@ from hybrid_sysid_ros.support.arrays import Array
 SOLVED, ITERATED, NOT_CONVERGED, FAILED, POLICY, HELD = range(1, 7)
 """How an answer was found: see :class:`~hybrid_sysid_ros.control.controller.Status`."""
 
-CALL = np.dtype([*((name, "i8") for name in ("cold", "prepared", "status", "iterations")), ("residual", "f8")])
-"""The last call of an exact MPC: whether there is no plan, whether the next call's program is prepared, how the answer
-was found, by how many iterations, and its residual.
+CALL = np.dtype([*((name, "i8") for name in ("cold", "way", "status", "iterations")), ("residual", "f8")])
+"""The last call of an exact MPC: whether there is no plan, by which way the next call is answered in real time, how the
+answer was found, by how many iterations, and its residual.
 """
 
 
@@ -55,7 +59,8 @@ def forget_plan(mpc: MpcMemory) -> None:
     """Forget the last plan."""
     clear_working_set(mpc.program)
     call = mpc.call[0]
-    call.cold, call.prepared = 1, 0
+    call.cold, call.way = 1, CONVERGE
+    mpc.horizon.progress[0].foreseen = 0
 
 
 @inner
@@ -68,14 +73,14 @@ def solve_instance(mpc: MpcMemory, instance: Instance, iterations: int) -> None:
 def solve_within(mpc: MpcMemory, instance: Instance, iterations: int, anew: bool) -> None:
     """Steps of a call, at most ``iterations``. anew: False goes on with the last call."""
     call = mpc.call[0]
-    iterate = anew and mpc.real_time != 0 and call.prepared != 0 and call.cold == 0
+    way = call.way if anew and mpc.real_time != 0 and call.cold == 0 else CONVERGE
     cold, before = anew and call.cold != 0, 0 if anew else call.iterations
-    call.prepared = 0
-    found = answer(mpc.prediction, mpc.horizon, mpc.program, instance, iterations, mpc.tolerance, cold, iterate, anew)
+    call.way = CONVERGE
+    found = answer(mpc.prediction, mpc.horizon, mpc.program, instance, iterations, mpc.tolerance, cold, way, anew)
     call.iterations, call.residual = before + found.iterations, found.residual
     if found.iterations > 0:
         call.cold = 0
-        call.status = SOLVED if found.solved else ITERATED if iterate else NOT_CONVERGED
+        call.status = SOLVED if found.solved else NOT_CONVERGED if way == CONVERGE else ITERATED
     else:
         call.status = FAILED
         plan_rest(mpc, instance)
@@ -92,13 +97,19 @@ def plan_rest(mpc: MpcMemory, instance: Instance) -> None:
 
 @inner
 def prepare_mpc(mpc: MpcMemory, elapsed: float) -> None:
-    """Shift the plan by the time until the next call [s], and in real time linearise there."""
+    """Shift the plan by the time until the next call [s], and in real time linearise there.
+
+    Where the last steps did not cost what was predicted, the feedback phase of the next one would fail, too, and
+    linearise again: then that call makes its step at once, from the state that it is given.
+    """
     call = mpc.call[0]
     if call.cold != 0:
         return
     shift_trajectory(mpc.prediction, mpc.horizon, min(elapsed / mpc.interval, 1.0))
-    if mpc.real_time != 0:
+    if mpc.real_time != 0 and mpc.horizon.progress[0].foreseen >= ASSURED:
         linearise_plan(mpc)
+    elif mpc.real_time != 0:
+        call.way = IMPROVE
 
 
 @inner
@@ -112,7 +123,7 @@ def shift_plan(mpc: MpcMemory) -> None:
 def linearise_plan(mpc: MpcMemory) -> None:
     """Prepare the program around the last plan."""
     linearise_program(mpc.prediction, mpc.horizon, mpc.program)
-    mpc.call[0].prepared = 1 if factorise(mpc.program) else 0
+    mpc.call[0].way = FEEDBACK if factorise(mpc.program) else CONVERGE
 
 
 @inner
@@ -122,7 +133,7 @@ def adopt_plan(mpc: MpcMemory, disturbance: Array, inputs: Array, states: Array)
     assign_rows(inputs, mpc.horizon.inputs)
     assign_rows(states, mpc.horizon.states)
     call = mpc.call[0]
-    call.cold, call.prepared = 0, 0
+    call.cold, call.way = 0, CONVERGE
 
 
 @inner

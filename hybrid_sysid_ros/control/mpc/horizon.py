@@ -197,8 +197,12 @@ class Work(Shared):
     """(n,)."""
 
 
-PROGRESS = np.dtype([("steps", np.int64), ("residual", np.float64), ("with_curvature", np.bool_)])
-"""Progress of a solution: steps made, the residual before the last one, and whether curvature is used."""
+PROGRESS = np.dtype(
+    [("steps", np.int64), ("residual", np.float64), ("with_curvature", np.bool_), ("foreseen", np.int64)]
+)
+"""Progress of a solution: steps made, the residual before the last one, whether curvature is used, and how many
+real-time steps in a row cost what was predicted.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

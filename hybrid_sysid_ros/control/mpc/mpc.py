@@ -25,7 +25,7 @@ from hybrid_sysid_ros.control.mpc.calls import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Instance, new_instance
 from hybrid_sysid_ros.control.mpc.sequential import LIFTED
-from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, rollout, shooting
+from hybrid_sysid_ros.control.mpc.shooting import CONVERGE, FEEDBACK, HorizonMemory, rollout, shooting
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
@@ -125,7 +125,7 @@ class ExactMpc:
         or don't cover the horizon.
         """
         self.problem.assign(self._shooting.prediction.stage, values)
-        if self._call["prepared"][0]:
+        if self._call["way"][0] == FEEDBACK:
             prepare_again(self.compiled)
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
@@ -134,7 +134,7 @@ class ExactMpc:
         """
         horizon = self._shooting.horizon
         horizon.disturbance[:], horizon.inputs[:], horizon.states[:] = disturbance, inputs, states
-        self._call["cold"] = self._call["prepared"] = 0
+        self._call["cold"], self._call["way"] = 0, CONVERGE
 
     def prepare(self, elapsed: float) -> None:
         """Shift the plan by the time until the next call [s], and in real time linearise there."""

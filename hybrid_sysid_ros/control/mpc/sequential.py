@@ -65,6 +65,9 @@ derivatives by the inputs are nearly zero.
 DOUBT = 0.05
 """Share by which the cost of a simulated plan may exceed the cost that its linear model predicts."""
 
+ASSURED = 10
+"""Steps in a row whose cost was predicted, after which a program is prepared for the next one."""
+
 LIFTED, UPHILL = 8, 2
 """Most steps that leave gaps, and number of them in a row that may lead to no lower cost."""
 
@@ -118,8 +121,12 @@ def solve(
 
 
 @inner
-def improve(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> SolverResult:
-    """Make one step of :func:`solve`, whose end is simulated only: without derivatives its residual is not known."""
+def improve(
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, judged: bool
+) -> SolverResult:
+    """Make one step of :func:`solve`, whose end is simulated only: without derivatives its residual is not known.
+    judged: find by :func:`foreseen` whether its cost was predicted.
+    """
     cost = _begin(prediction, horizon, instance, True)
     condense(horizon, program)
     evaluate_program(horizon, program, instance, False)
@@ -127,9 +134,23 @@ def improve(prediction: PredictionModel, horizon: Horizon, program: Program, ins
     if not _solve_program(horizon, program):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
+    expected = expand(horizon, program, instance) if judged else 0.0
     _search(prediction, horizon, program, instance, cost, True, False)
     horizon.progress[0].steps = 1
+    if judged:
+        found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
+        foreseen(horizon, expected, found)
     return SolverResult(False, 1, np.inf)
+
+
+@inner
+def foreseen(horizon: Horizon, expected: float, found: float) -> bool:
+    """Whether a simulated plan costs what its linear model predicts, J <= (1 + DOUBT) J_expected, and how often in a
+    row that was so.
+    """
+    progress = horizon.progress[0]
+    progress.foreseen = progress.foreseen + 1 if found <= (1.0 + DOUBT) * expected else 0
+    return progress.foreseen > 0  # type: ignore[no-any-return]
 
 
 @inner

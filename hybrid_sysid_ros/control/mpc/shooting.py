@@ -24,12 +24,17 @@ from hybrid_sysid_ros.control.mpc.linearisation import (
     linearise,
 )
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
-from hybrid_sysid_ros.control.mpc.sequential import DOUBT, SolverResult, improve, make_step, solve
+from hybrid_sysid_ros.control.mpc.sequential import SolverResult, foreseen, improve, make_step, solve
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
+
+CONVERGE, FEEDBACK, IMPROVE = range(3)
+"""How a call is answered: by steps until convergence, by the feedback phase of the prepared program, or by one step
+around the trajectory from the state itself, for which nothing is prepared.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,11 +154,11 @@ def feedback(prediction: PredictionModel, horizon: Horizon, program: Program, in
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
     expected, found = make_step(prediction, horizon, program, instance)
-    if found <= (1.0 + DOUBT) * expected:
+    if foreseen(horizon, expected, found):
         assign(horizon.disturbance, instance.disturbance)
         return SolverResult(False, 1, np.inf)
     apply_step(horizon, -1.0)
-    return improve(prediction, horizon, program, instance)
+    return improve(prediction, horizon, program, instance, False)
 
 
 # ---------------------------------------------------------------------- a call of the controller
@@ -168,18 +173,19 @@ def answer(
     iterations: int,
     tolerance: float,
     cold: bool,
-    prepared: bool,
+    way: int,
     anew: bool,
 ) -> SolverResult:
-    """A call of the controller: the feedback phase if it is prepared, else steps until convergence. anew: False makes
-    further steps for the last call.
+    """A call of the controller. way: CONVERGE, FEEDBACK or IMPROVE. anew: False makes further steps for the last call.
 
     The plan is in ``horizon.planned``. With 0 iterations the trajectory has not changed.
     """
     if anew and not _begin(prediction, horizon, instance, cold):
         return SolverResult(False, 0, np.inf)
-    if prepared:
+    if way == FEEDBACK:
         found = feedback(prediction, horizon, program, instance)
+    elif way == IMPROVE:
+        found = improve(prediction, horizon, program, instance, True)
     else:
         found = solve(prediction, horizon, program, instance, iterations, tolerance, anew, cold)
     sound = found.iterations > 0

@@ -29,7 +29,7 @@ from hybrid_sysid_ros.control.mpc.calls import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow, set_stage
-from hybrid_sysid_ros.control.mpc.shooting import answer
+from hybrid_sysid_ros.control.mpc.shooting import CONVERGE, answer
 from hybrid_sysid_ros.control.policy.kernels import inside, network_answer
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -261,11 +261,12 @@ def _stepped(own: SupervisorMemory, instance: Instance) -> int:
     assign_rows(horizon.states, own.kept_states)
     assign(own.kept_disturbance, horizon.disturbance)
     call = mpc.call[0]
-    if call.prepared == 0:
+    if call.way == CONVERGE:
         linearise_plan(mpc)
-    if call.prepared != 0:
-        call.prepared = 0
-        found = answer(mpc.prediction, horizon, mpc.program, instance, 1, mpc.tolerance, False, True, True)
+    way = call.way
+    if way != CONVERGE:
+        call.way = CONVERGE
+        found = answer(mpc.prediction, horizon, mpc.program, instance, 1, mpc.tolerance, False, way, True)
         near = found.iterations > 0 and _near(own, horizon.planned[0], own.inputs[0])
         for i in range(horizon.planned.shape[0]):
             near = near and _near(own, horizon.planned[i], own.kept_inputs[i])
