@@ -20,6 +20,8 @@ SUFFIXES = (".mp4", ".mov", ".mkv")
 TICKS = 90_000  # of a film's time in a second
 CRF = 18  # of H.264, 0 (lossless) to 51
 LARGEST = 8192  # pixels along a side
+READ = 1920
+"""Pixels along a side, to which larger pictures are scaled down: angles from 1920 are no better than from 1280."""
 CAPTURED, SLOWED = "com.android.capture.fps", 1.5
 """What a phone writes of slow motion, and times as slow that it is played at least; missing pictures make less."""
 MISSING = 3.0  # of the longest times between its pictures, before the end that a film's head says, is a cut
@@ -30,9 +32,15 @@ class FilmFormat:
     """What a film's head says of it; the rate [Hz] need not be true, its pictures' times are."""
 
     width: int
+    """Of its own pictures [square pixels], not upright yet,"""
     height: int
     rate: float
     codec: str
+
+    @property
+    def scale(self) -> float:
+        """Size of its pictures as they are read, beside its own; at most 1."""
+        return min(READ / max(self.width, self.height), 1.0)
 
 
 def format_of(path: Path) -> FilmFormat:
@@ -42,16 +50,14 @@ def format_of(path: Path) -> FilmFormat:
     try:
         with av.open(str(path)) as container:
             stream = _stream(container, path)
-            context = stream.codec_context
-            rate = float(stream.average_rate or 0)
-            return FilmFormat(width=context.width, height=context.height, rate=rate, codec=context.name)
+            return _format(stream)
     except (av.FFmpegError, OSError) as error:
         raise _unreadable(path, error) from error
 
 
 def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
-    """Time [s] and grey picture (rows, columns) of each frame, upright and with square pixels, in the order of their
-    times.
+    """Time [s] and grey picture (rows, columns) of each frame, upright, with square pixels and no larger than READ, in
+    the order of their times.
 
     Raises UserError where the file is no film, is interlaced, in slow motion, cut or damaged.
     """
@@ -63,7 +69,8 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
             stream = _stream(container, path)
             stream.thread_type = "AUTO"
             stated, longest = _end_of(container, stream), 1.0 / float(stream.average_rate or 1)
-            wide = round(stream.codec_context.width * float(stream.sample_aspect_ratio or 1))  # with square pixels
+            film = _format(stream)
+            wide, scaler = round(film.scale * film.width), "AREA" if film.scale < 1.0 else "BILINEAR"
             for frame in container.decode(stream):
                 if frame.pts is None or frame.time is None:
                     raise UserError(f"{path}: frame {count} has no time: write the film again with time stamps")
@@ -74,7 +81,8 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
                         f"{path}: is interlaced, so that each picture is of two moments: make whole ones of it first, "
                         "such as by ffmpeg -vf bwdif"
                     )
-                grey = frame.to_ndarray(format="gray", width=wide)
+                high = round(film.scale * frame.height)
+                grey = frame.to_ndarray(format="gray", width=wide, height=high, interpolation=scaler)
                 turns = round(getattr(frame, "rotation", 0) / 90) % 4
                 longest = max(longest, frame.time - last) if count else longest
                 count, last = count + 1, frame.time
@@ -137,6 +145,14 @@ def _stream(container: Any, path: Path) -> Any:
             f"such as by ffmpeg -itsscale {played / taken:.4g} -i {path.name} -c copy"
         )
     return stream
+
+
+def _format(stream: Any) -> FilmFormat:
+    context = stream.codec_context
+    wide = round(context.width * float(stream.sample_aspect_ratio or 1))
+    return FilmFormat(
+        width=wide, height=context.height, rate=float(stream.average_rate or 0), codec=context.name
+    )  # fmt: skip
 
 
 def _end_of(container: Any, stream: Any) -> float:

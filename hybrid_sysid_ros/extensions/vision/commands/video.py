@@ -16,7 +16,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands.terminal import Json, Overwrite, RigName, console, print_table, status, typed
-from hybrid_sysid_ros.extensions.vision.camera.film import pictures
+from hybrid_sysid_ros.extensions.vision.camera.film import format_of, pictures
 from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
@@ -54,7 +54,7 @@ def command(
         Path | None,
         typer.Option("--scene", help="File with the scene of this film, in the place of the rig's."),
     ] = None,
-    pivot: Annotated[str, typer.Option(help="Where the joint's axis is in the film's pictures: X,Y [pixels].")] = "",
+    pivot: Annotated[str, typer.Option(help="Where the joint's axis is in the film: X,Y [its own pixels].")] = "",
     bag: Annotated[
         Path | None, typer.Option(help="Bag that was recorded during the film, to synchronise with.")
     ] = None,
@@ -214,7 +214,7 @@ def _provenance(sources: Mapping[str, Path]) -> report.Provenance:
 
 def _pivot(text: str, video: Path) -> tuple[float, float]:
     """Widths of the picture by pixels. Raises UserError for what is no place in it."""
-    columns, rows = _size(video)
+    columns, rows = (round(side / format_of(video).scale) for side in _size(video))
     try:
         x, y = (float(part) for part in text.split(","))
     except ValueError:
@@ -225,7 +225,7 @@ def _pivot(text: str, video: Path) -> tuple[float, float]:
 
 
 def _size(video: Path) -> tuple[int, int]:
-    """Columns and rows of a film's pictures, upright."""
+    """Columns and rows of a film's pictures as they are read."""
     _, picture = next(pictures(video))
     return picture.shape[1], picture.shape[0]
 

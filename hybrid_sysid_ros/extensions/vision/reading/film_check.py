@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.extensions.vision.camera.film import format_of, pictures
+from hybrid_sysid_ros.extensions.vision.camera.film import FilmFormat, format_of, pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import picked
@@ -19,7 +20,6 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 LOOKED_AT = 60  # pictures
-WIDE = 1920  # columns: more of them cost time, and angles are known to hundredths of a degree before
 SLOW = 20.0  # pictures a second
 SQUEEZED = 0.02  # bits a pixel of each picture: a codec leaves little of edges that move
 DARK, BRIGHT = 25.0, 250.0  # counts of 255
@@ -67,13 +67,14 @@ def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmC
     Raises UserError where the film can't be read at all.
     """
     times, sizes, changes, before = list[float](), set[tuple[int, ...]](), list[float](), None
+    form = format_of(view.path)
     for time, picture in pictures(view.path):
         times.append(time)
         sizes.add(picture.shape)
         few = picture[::4, ::4].astype(np.float32)
         changes.append(float(np.abs(few - before).mean()) if before is not None and before.shape == few.shape else 0.0)
         before = few
-    findings = [*_size_and_rate(view, np.array(times), sizes)]
+    findings = [*_size_and_rate(view.path, form, np.array(times), sizes)]
     if any(finding.bad for finding in findings):
         nothing = np.zeros(next(iter(sizes)), dtype=np.uint8)
         return FilmCheck(
@@ -91,7 +92,7 @@ def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmC
     moving = np.kron(spread > MOVES * noise, np.ones((2, 2), dtype=bool))[: median.shape[0], : median.shape[1]]
     turns = turning_point(steadied)
     findings += [*_joint(film, median, moving, noise), *_blur(steadied, moving, changes, exposure)]
-    findings += [_pivot(turns, median.shape[1]), _square(marks)]
+    findings += [_pivot(turns, round(median.shape[1] / form.scale)), _square(marks)]
     motion = steadied.motion
     return FilmCheck(
         findings=tuple(findings), picture=median, moving=moving,
@@ -100,14 +101,15 @@ def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmC
     )  # fmt: skip
 
 
-def _size_and_rate(view: FilmView, times: Array, sizes: set[tuple[int, ...]]) -> Iterator[Finding]:
+def _size_and_rate(path: Path, form: FilmFormat, times: Array, sizes: set[tuple[int, ...]]) -> Iterator[Finding]:
     rows, columns = next(iter(sizes))
     small = columns < NARROWEST
     yield Finding(
-        what="size", found=f"{columns}x{rows} pixels", bad=small or len(sizes) > 1,
+        what="size", bad=small or len(sizes) > 1,
+        found=f"{columns / form.scale:.0f}x{rows / form.scale:.0f} pixels"
+        + (f", read as {columns}x{rows}" if form.scale < 1.0 else ""),
         advice="its pictures change their size: cut it there" if len(sizes) > 1
         else f"take {NARROWEST} columns at least, better 640" if small
-        else f"scale it down to 1280 columns: it is read {(columns / 1280) ** 2:.0f} times as fast" if columns > WIDE
         else "",
     )  # fmt: skip
     apart = np.diff(times)
@@ -119,9 +121,9 @@ def _size_and_rate(view: FilmView, times: Array, sizes: set[tuple[int, ...]]) ->
         advice="film for ten seconds at least" if few
         else f"what is faster than {rate / 4:.2g} Hz is not seen: film at 30 pictures/s or more" if rate < SLOW else "",
     )  # fmt: skip
-    bits = 8.0 * view.path.stat().st_size / (len(times) * rows * columns)
+    bits = 8.0 * path.stat().st_size / (len(times) * form.height * form.width)
     yield Finding(
-        what="compression", found=f"{format_of(view.path).codec}, {bits:.2g} bits a pixel",
+        what="compression", found=f"{form.codec}, {bits:.2g} bits a pixel",
         advice="a codec that saves so much blurs what moves: record with more bits a second" if bits < SQUEEZED else "",
     )  # fmt: skip
 

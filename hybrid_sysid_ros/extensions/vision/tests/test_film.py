@@ -154,3 +154,15 @@ def test_slow_motion_is_refused_by_what_the_phone_wrote(film: Path, tmp_path: Pa
     else:
         with pytest.raises(UserError, match=r"taken at 240 pictures/s and is played at (29|30).*itsscale"):
             list(pictures(slow))
+
+
+def test_a_large_film_is_scaled_down_by_the_mean_of_its_pixels(tmp_path: Path) -> None:
+    """Each pixel of 1920 is the mean of four of 3840, so that a place in widths stays where it is."""
+    film = tmp_path / "film.mp4"
+    rows, columns = np.mgrid[:96, :3840]
+    own = (60 + 30 * np.sin(rows / 9.0) + 60 * np.sin(columns / 50.0)).astype(np.uint8)
+    write_film(film, [(k / 30.0, own) for k in range(3)], rate=30.0, crf=5, preset="ultrafast")
+    assert (format_of(film).width, format_of(film).scale) == (3840, 0.5)
+    _, read = next(pictures(film))
+    assert read.shape == (48, 1920)
+    assert read == pytest.approx(own.reshape(48, 2, 1920, 2).mean(axis=(1, 3)), abs=3.0)
