@@ -18,6 +18,7 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader, AngleReading
 from hybrid_sysid_ros.extensions.vision.reading.footage import FROZEN
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
+from hybrid_sysid_ros.extensions.vision.reading.light_across import LightMeter
 from hybrid_sysid_ros.nodes.base import ModelSource, RigNode
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task
@@ -54,7 +55,7 @@ class VisionNode(RigNode):
         if layers.geometry.rig != self.rig.name:
             raise UserError(f"{folder}: the layers are of the rig {layers.geometry.rig}, not of {self.rig.name}")
         self.sources = {"loop": ModelSource(folder)}
-        self.reader = AngleReader(layers)
+        self.reader, self.light = AngleReader(layers), LightMeter(layers.background)
         drawn = layers.drawn(layers.geometry.low).astype(np.uint8)
         self.reader.read(jpeg.decoded(jpeg.encoded(drawn, 80)))  # loads the codec, and compiles for what it gives
         entry = f"{layers.geometry.joint}_{CAMERA}"
@@ -107,6 +108,7 @@ class VisionNode(RigNode):
 
     def look(self, picture: Picture) -> AngleReading:
         """Read a picture, and see whether the camera was moved. Raises UserError for one of another size."""
+        picture = self.light.evened(picture)
         reading = self.reader.read(picture)
         if self.frames % APART == 1 and self.reader.lit:
             self.sceneries.append(self.reader.scenery(picture))

@@ -12,6 +12,7 @@ import pytest
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
+from hybrid_sysid_ros.extensions.vision.reading.light_across import LightMeter
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
 from hybrid_sysid_ros.rigs.rig import load
@@ -69,6 +70,15 @@ def test_light_does_not_move_the_angle(reader: AngleReader, dim: float) -> None:
     imager = Imager(scene_of(RIG), Camera(gain=dim, flicker=0.06), seed=4)
     reading = reader.read(imager.take(1.5, TIMES, np.full(len(TIMES), -0.04)))
     assert math.degrees(reader.layers.position(reading.angle) + 0.04) == pytest.approx(0.0, abs=0.015)
+
+
+@pytest.mark.parametrize("angle", [-0.1, -0.04, 0.06])
+def test_light_from_one_side_does_not_move_the_angle(reader: AngleReader, angle: float) -> None:
+    picture = Imager(scene_of(RIG), CAMERA, seed=3).take(1.5, TIMES, np.full(len(TIMES), angle))
+    across = 1.0 + 0.25 * np.linspace(-1.0, 1.0, picture.shape[1])
+    leaning = np.clip(picture * across + 0.5, 0.0, 255.0).astype(np.uint8)
+    seen, own = (reader.read(each).angle for each in (LightMeter(reader.layers.background).evened(leaning), picture))
+    assert math.degrees(seen - own) == pytest.approx(0.0, abs=0.005)
 
 
 def test_pixels_that_are_white_do_not_move_the_angle() -> None:
