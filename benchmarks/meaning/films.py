@@ -48,7 +48,7 @@ def read(film: Path, rig: Rig, bag: Path | None, case: FilmCase) -> VideoRecord:
         rig = with_pivot(rig, (case.pivot[0] + CLICK, case.pivot[1] - CLICK))
     else:
         rig, _ = with_turning_point(view, rig)
-    layers, _ = learn(picked(view), rig, readout=case.readout, sized=not case.clicked)
+    layers, _ = learn(picked(view), rig, readout=case.readout, sized=not case.clicked, steadied=view.motion is not None)
     footage = followed(view, AngleReader(layers), None)
     return joined(footage, layers, rig, bag, exposure=case.exposure)
 

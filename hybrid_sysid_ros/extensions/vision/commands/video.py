@@ -185,7 +185,10 @@ def _read(
             status.print(
                 f"note: what moves turns {far:.0%} of the width beside the scene's pivot: about there it is read"
             )
-        found, _ = learn(film, rig, readout=readout, sized=searched, progress=lambda stage: tell(f"learning: {stage}"))
+        found, _ = learn(
+            film, rig, readout=readout, sized=searched, steadied=view.motion is not None,
+            progress=lambda stage: tell(f"learning: {stage}"),
+        )  # fmt: skip
     reader, lamp = AngleReader(found), scene_of(rig).lamp
     return found, followed(view, reader, lamp, progress=lambda count: tell(f"reading: {count} pictures"))
 

@@ -157,6 +157,14 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
     return motion
 
 
+def unknown_shake(wander: float) -> UserError:
+    """The refusal of a film whose joint's pivot moves by so much, rms [pixels], with a camera of unknown motion."""
+    return UserError(
+        f"the camera shakes: the joint's pivot moves by {wander:.2g} pixels in the pictures, rms, and too little "
+        "stands still in them to tell how: put the camera on a tripod, or film before a wall with a pattern"
+    )
+
+
 def _deviations(tracker: FeatureTracker, few: list[Picture], scale: float) -> tuple[float, float]:
     """Standard deviations of the place of the picture's middle [pixels] and of its roll [rad], rms over few pictures:
     how much they change where the features of one of six parts of the picture are left out (a jackknife; Miller 1974).

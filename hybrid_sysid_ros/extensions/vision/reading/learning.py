@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.painting import grid_around, painted
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import EXPLAINED, AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import unknown_shake
 from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.regression import (
     Film,
@@ -30,7 +31,8 @@ ROUNDS, MOST_ROUNDS = 4, 24
 """Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
 DIM = 0.3  # of the light of most pictures: what is darker is left out
 PIVOTED = 0.03  # pixels: as far as 50 pictures tell four numbers, each of which shows a place to .1
-UNSETTLED = 0.3  # pixels: a pivot that is still farther on its way bends the angles
+UNSETTLED = 0.3
+"""Pixels: a pivot that surely is still farther on its way, or moves more, bends the angles."""
 ONWARD = 0.9  # cosine between two steps, above which they go one way, and are not noise
 LONGEST = 5.0  # times what the pictures show of a pivot's way, as layers that were learned about a wrong one hide most
 BROAD = 12
@@ -52,7 +54,7 @@ NO_AXIS = 0.1  # of a sprite's second moments: it is as long as broad
 
 
 def learn(
-    film: Film, rig: Rig, *, readout: float, sized: bool = True,
+    film: Film, rig: Rig, *, readout: float, sized: bool = True, steadied: bool = True,
     progress: Callable[[str], object] = lambda stage: None,
 ) -> tuple[PictureLayers, Array]:  # fmt: skip
     """The layers of pictures (pictures, rows, columns) of a rig's scene, and the angles (pictures,) [rad] of those that
@@ -60,10 +62,11 @@ def learn(
 
     The first angles are those by which what differs from the median is turned about the scene's pivot; then background,
     sprite, angles and pivot are improved in turn, each in closed form. readout [s]: see :class:`~.layers.Geometry`.
-    sized: whether the scene says how large the sprite is in these pictures, too.
+    sized: whether the scene says how large the sprite is in these pictures, too. steadied: whether it is known how the
+    camera moves.
 
-    Raises UserError where there are too few pictures, or too small ones, nothing moves, or what moves does not turn or
-    is of another size than the scene's sprite.
+    Raises UserError where there are too few pictures, or too small ones, nothing moves, what moves does not turn or is
+    of another size than the scene's sprite, or the camera shakes in an unknown way.
     """
     if len(film) < FEWEST:
         raise UserError(f"{len(film)} pictures are too few to learn layers from: {FEWEST} at least")
@@ -77,7 +80,9 @@ def learn(
     if not lit.all() and lit.sum() >= FEWEST:
         film, lights = film[lit], _lights(film[lit])
     still = median_picture(film, lights)
-    noise = max(float(np.median(np.abs(film[::7] / lights[::7, None, None] - still))) / 0.6745, 0.5)
+    few = zip(film[::7], lights[::7], strict=True)
+    left = [np.abs(picture / light - still).astype(np.float32) for picture, light in few]
+    noise = max(float(np.median(left)) / 0.6745, 0.5)
     progress("first angles")
     angles, reach = _first_angles(film, lights, still, noise, tuple(pivot.tolist()), _span(rig, scene.joint))
     if not float(np.ptp(angles)) * reach > SMALLEST_SWING:
@@ -95,7 +100,7 @@ def learn(
         layers = _outlined(film, lights, angles, still, geometry, reach)
     gains = np.tile(lights[:, None], (1, rows))
     good = np.ones(len(film), dtype=bool)
-    way = _PivotWay()
+    way = PivotWay()
     for turn in range(MOST_ROUNDS):
         progress(f"layers, round {turn + 1}")
         layers = _regressed(film[good], gains[good], angles[good], layers)
@@ -118,13 +123,18 @@ def learn(
         if turn == MOST_ROUNDS - 1 or (turn >= ROUNDS - 1 and way.left < PIVOTED):
             break
         layers, angles[good] = _pivoted(film[good], gains[good], angles[good], layers, reader, way)
-    if way.left > UNSETTLED:
+    share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
+    # pictures show one LONGEST of the way at least; where the pivot moves, angles are those that hang on none
+    settled = way.left <= max(UNSETTLED, LONGEST * way.unsure)
+    fits = not sized or ITS_REACH[0] < share < ITS_REACH[1]
+    if not (settled and fits) and not steadied and way.wander > UNSETTLED:
+        raise unknown_shake(way.wander)
+    if not settled:
         raise UserError(
             f"the place about which the joint turns is not found: it still moves by {way.left:.2g} pixels: say where "
             "it is (--pivot X,Y), or click it (--check)"
         )
-    share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
-    if sized and not ITS_REACH[0] < share < ITS_REACH[1]:
+    if not fits:
         raise UserError(
             f"what turns in the pictures reaches {share:.0%} as far from its pivot as the scene of {rig.name} says: is "
             f"it a video of {rig.name}? If it is, say where the pivot is (--pivot X,Y), or click it (--check)"
@@ -242,7 +252,7 @@ def _regressed(film: Film, gains: Array, angles: Array, layers: PictureLayers) -
     return PictureLayers(geometry=layers.geometry, background=background, alpha=alpha, texture=texture)
 
 
-class _PivotWay:
+class PivotWay:
     """Way of the pivot from round to round. Layers that were learned about a wrong pivot agree with it in part, so that
     pictures show only a share of the way; two rounds tell that share (a secant step, as Aitken's).
     """
@@ -250,13 +260,20 @@ class _PivotWay:
     def __init__(self) -> None:
         self.left = math.inf
         """How far the sprite is still to be moved in the pictures, rms [pixels]."""
+        self.wander = 0.0
+        """How far it moves beside what turns about one pivot, rms, as most pictures show it [pixels],"""
+        self.unsure = 0.0
+        """and how uncertain a step is by that [pixels]."""
         self._before, self._longer, self._last = np.zeros(4), 1.0, math.inf
 
-    def step(self, shown: Array, moves: Array) -> Array:
+    def step(self, shown: Array, moves: Array, places: Array) -> Array:
         """The step to take (4,), by what the pictures show of it; moves: by how much a step moves the sprite in the
-        pictures along each axis (2 pictures, 4), as a swing that is small tells not all of it.
+        pictures along each axis (2 pictures, 4), as a swing that is small tells not all of it; places (2 pictures,):
+        where it lies in them, to which the step was fitted, so that what is left tells how sure that is.
         """
         before, now = moves @ self._before, moves @ shown
+        self.wander = math.sqrt(2.0) * float(np.median(np.abs(places - now))) / 0.6745
+        self.unsure = self.wander * math.sqrt(len(shown) / len(now))
         along, both = float(now @ before), float(np.sqrt((now @ now) * (before @ before)))
         seen = float(np.sqrt(2.0 * np.mean(now**2)))
         if seen > PIVOTED and along > ONWARD * both:  # smaller steps go one way by chance
@@ -271,7 +288,7 @@ class _PivotWay:
 
 
 def _pivoted(
-    film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader, way: _PivotWay
+    film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader, way: PivotWay
 ) -> tuple[PictureLayers, Array]:
     """The pivot moved to where the sprite turns about, and the angles (pictures,) about that: with a pivot p + e and
     texels u + d the sprite lies e + R(angle) d beside its place, and least squares over all pictures tells e, as far as
@@ -288,8 +305,9 @@ def _pivoted(
     prior = np.zeros((2, 4))
     prior[0, 0] = prior[1, 1] = SEEN_MOVE / (FARTHEST_PIVOT * film.shape[2])
     regressors = np.vstack([along, down])
-    solved = np.linalg.lstsq(np.vstack([regressors, prior]), np.concatenate([*moves.T, [0.0, 0.0]]), rcond=None)[0]
-    step = way.step(solved, regressors)
+    lies = np.concatenate(moves.T)
+    solved = np.linalg.lstsq(np.vstack([regressors, prior]), np.append(lies, [0.0, 0.0]), rcond=None)[0]
+    step = way.step(solved, regressors, lies)
     places = (*layers.pivot, *layers.first)
     x, y, u, v = (place + float(move) for place, move in zip(places, step, strict=True))
     layers = replace(layers, geometry=replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v))

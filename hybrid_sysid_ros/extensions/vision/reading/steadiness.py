@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReading, FreeReading
-from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, unknown_shake
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -59,10 +59,7 @@ def steady_angles(
     pixel = layers.background.shape[1] / 640.0
     wander, unsteady = _wander(times[known], freely[known], pixel) if known.sum() >= ENOUGH else (0.0, 0.0)
     if wander > WANDERS * pixel and motion is None:
-        raise UserError(
-            f"the camera shakes: the joint's pivot moves by {wander:.2g} pixels in the pictures, rms, and too little "
-            "stands still in them to tell how: put the camera on a tripod, or film before a wall with a pattern"
-        )
+        raise unknown_shake(wander)
     if wander > LEAVES * pixel:
         raise UserError(
             f"the camera moves otherwise than what stands in its pictures tells: the joint's pivot moves by "

@@ -9,7 +9,7 @@ import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, learn
+from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, PivotWay, learn
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.scene import scene_of, with_pivot
 from hybrid_sysid_ros.rigs.rig import load
@@ -81,6 +81,30 @@ def test_a_pivot_that_is_off_bends_no_angles() -> None:
     assert layers.pivot == pytest.approx((x * 320 - 0.5, y * 320 - 0.5), abs=UNSETTLED)  # 3 pixels beside at first
     errors = np.degrees((angles - truth + np.pi) % (2.0 * np.pi) - np.pi)
     assert np.std(errors) < 0.03
+
+
+def test_a_pivot_that_moves_with_the_camera_makes_steps_as_unsure_as_they_are() -> None:
+    """Against the scatter of least squares over many films, in which it lies .6 pixels elsewhere along each axis."""
+    random, turned = np.random.default_rng(0), np.linspace(-1.0, 1.0, 80)
+    c, s = np.cos(turned), np.sin(turned)
+    moves = np.vstack([np.column_stack([1 + 0 * c, 0 * c, c, -s]), np.column_stack([0 * c, 1 + 0 * c, s, c])])
+    ways, unsure = [], []
+    for _ in range(200):
+        places, way = 0.6 * random.standard_normal(160), PivotWay()
+        shown = np.linalg.lstsq(moves, places)[0]
+        way.step(shown, moves, places)
+        unsure.append(way.unsure)
+        ways.append(2.0 * np.mean((moves @ shown) ** 2))
+    assert np.mean(unsure) == pytest.approx(math.sqrt(np.mean(ways)), rel=0.05)
+
+
+def test_a_camera_that_shakes_unknown_is_the_reason_for_layers_that_fit_no_scene() -> None:
+    film, _, _ = _film(60)
+    shaken = np.stack(
+        [np.roll(each, np.random.default_rng(k).integers(-2, 3, 2), (0, 1)) for k, each in enumerate(film)]
+    )
+    with pytest.raises(UserError, match="the camera shakes: the joint's pivot moves by"):
+        learn(shaken, with_pivot(RIG, (0.5, 0.9)), readout=CAMERA.readout, steadied=False)
 
 
 def test_a_film_in_which_nothing_moves_is_refused() -> None:
