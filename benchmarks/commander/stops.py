@@ -16,9 +16,9 @@ from rich.progress import track
 from hybrid_sysid_ros.commands.terminal import status
 from hybrid_sysid_ros.extensions.commander.companion import Commander
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import set_point_ranges
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.run import Run
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.arrays import Array
 
 WAYS = ("service", "topic", "parameter")

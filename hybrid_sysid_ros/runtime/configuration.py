@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,14 +34,15 @@ from hybrid_sysid_ros.runtime.parameters import (
     settings,
     shipped,
 )
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "TRAINED", "NodeParameter", "SetPointRange", "check_rules", "check_tolerances", "controller_model",
+    "CAMERA", "TRAINED", "NodeParameter", "check_rules", "check_tolerances", "controller_model",
     "defaults", "estimator_model", "estimator_tuning", "guard_settings", "mpc_problem", "parameters",
-    "set_point_ranges", "settings", "shipped", "spread_of", "wrap_for_rig",
+    "settings", "shipped", "spread_of", "wrap_for_rig",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -54,8 +55,6 @@ NONE = 1e9
 """A bound of a state that is at least this large counts as no bound."""
 RESUME_SECONDS = 1.0
 """Time [s] in which a reference that comes back crosses the whole range of set-points, where no rate is given."""
-REACH = 2.0
-"""Set-points lie within this many times the amplitude of the rig's own references."""
 
 
 def estimator_model(rig: Rig, model: Model) -> Model:
@@ -315,42 +314,3 @@ def listed(content: Mapping[str, Any], key: str, where: str, count: int) -> tupl
     if key not in content:
         raise UserError(f"{where}: {key} is missing: it needs {count} numbers, or one for all")
     return numbers(content[key], f"{where}.{key}", count=count)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SetPointRange:
-    """The range of an output's set-points in its display unit; NaN if it is not tracked."""
-
-    name: str
-    unit: str
-    scale: float
-    """SI per unit."""
-    tracked: bool
-    low: float = math.nan
-    high: float = math.nan
-
-    @property
-    def moves(self) -> bool:
-        """Whether the output has a range; one whose references have no amplitude is weighted but stays at 0."""
-        return self.high > self.low
-
-
-def set_point_ranges(rig: Rig) -> tuple[SetPointRange, ...]:
-    """Set-point ranges of a rig's outputs: within its travel less a margin, and within REACH times its amplitude."""
-    weights = defaults(rig, "controller")["output_weight"]
-    amplitudes = defaults(rig, "reference")["amplitude"]
-    found = []
-    for item, display, weight, amplitude, reach in zip(
-        rig.system.outputs, rig.display, weights, amplitudes, rig.reach.T, strict=True
-    ):
-        low = high = math.nan
-        if weight > 0.0:
-            low, high = sorted((reach / display.scale).tolist())
-            most = REACH * abs(amplitude)
-            low, high = max(low, -most), min(high, most)
-        found.append(
-            SetPointRange(
-                name=item.name, unit=display.unit, scale=display.scale, tracked=weight > 0.0, low=low, high=high
-            )
-        )
-    return tuple(found)

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import SetPointRange, set_point_ranges
 from hybrid_sysid_ros.runtime.parameters import NodeParameter, parameters
+from hybrid_sysid_ros.runtime.set_points import SetPointRange, set_point_ranges
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, refuse_endless, section
 

@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.extensions.commander.language.command_interface import RigState
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import set_point_ranges
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.extras import extra
 

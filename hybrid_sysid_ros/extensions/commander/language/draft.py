@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import Goal, Home, 
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.extensions.shared.units import of_rig
-from hybrid_sysid_ros.runtime.configuration import SetPointRange
+from hybrid_sysid_ros.runtime.set_points import SetPointRange
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

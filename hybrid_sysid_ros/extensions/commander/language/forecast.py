@@ -17,8 +17,8 @@ from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.configuration import set_point_ranges
 from hybrid_sysid_ros.runtime.controllers import controller_of
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import set_point_ranges
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 

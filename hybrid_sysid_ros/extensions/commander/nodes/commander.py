@@ -32,7 +32,7 @@ from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.validation import MessageValidator
-from hybrid_sysid_ros.runtime.configuration import set_point_ranges
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

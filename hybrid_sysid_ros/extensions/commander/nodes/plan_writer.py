@@ -11,7 +11,7 @@ from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import set_point_ranges
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.arrays import Array
 
 SHOWN = 400  # points of a simulated trajectory, at most

@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import Condition, S
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast
 from hybrid_sysid_ros.extensions.commander.language.interpreter import PATIENCE
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
-from hybrid_sysid_ros.runtime.configuration import SetPointRange
+from hybrid_sysid_ros.runtime.set_points import SetPointRange
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -17,9 +17,10 @@ from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import mpc_problem, set_point_ranges
+from hybrid_sysid_ros.runtime.configuration import mpc_problem
 from hybrid_sysid_ros.runtime.controllers import ConfiguredController, pace
 from hybrid_sysid_ros.runtime.parameters import defaults, shipped
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.errors import UserError
 
 LONGEST = 60  # characters of a name that are shown
