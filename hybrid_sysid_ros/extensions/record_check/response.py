@@ -139,7 +139,7 @@ def _judged(
     signal: CheckedSignal, coherent: float, found: Alignment, expected: Array, good: NDArray[np.bool_], apart: int,
     longest: int, period: float,
 ) -> Iterator[RecordFinding]:  # fmt: skip
-    late = found.lag * period
+    """What one output shows, once it has been aligned with what the physics make of the inputs."""
     drift = _drift(signal, expected, good, apart, longest)
     if drift is not None and abs(drift) * len(good) > max(3.0, 0.15 * apart):
         yield RecordFinding(
@@ -178,6 +178,14 @@ def _judged(
             cure="turn the sensor or the input round: sign: -1 in import.yaml, or a negative scale in --signals",
         )  # fmt: skip
         return
+    yield from _differences(signal, found, expected, apart, period)
+
+
+def _differences(
+    signal: CheckedSignal, found: Alignment, expected: Array, apart: int, period: float
+) -> Iterator[RecordFinding]:
+    """Delay, drift and scale of an output that clearly is the one of the physics."""
+    late = found.lag * period
     if abs(found.lag) > max(SHORTEST_LAG, SHARE * apart) and found.correlation > 0.75:
         way = "later" if late > 0 else "earlier"
         shown = f"{1e3 * abs(late):.3g} ms" if abs(late) < 1.0 else f"{abs(late):.3g} s"
