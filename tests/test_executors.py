@@ -20,8 +20,8 @@ from hybrid_sysid_ros.nodes import executors
 from hybrid_sysid_ros.nodes.executors import Executor
 from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.support.versions import FALL_BACK, RCLPY_EXECUTOR, WARNED
-from tests.node_bench import Bench
-from tests.test_managed_nodes import ACTIVATE, DEACTIVATE, ask, change, set_parameter, state
+from tests.manager import ACTIVATE, DEACTIVATE, change, set_parameter, state
+from tests.node_bench import Bench, ask
 
 
 @pytest.fixture(params=[Executor, SingleThreadedExecutor], ids=["ours", "rclpy"])

@@ -21,7 +21,6 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from lifecycle_msgs.msg import Transition
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -37,12 +36,10 @@ from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.operation import ControllerMode
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
-from tests.manager import change, set_parameter, state
+from tests.manager import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, change, set_parameter, state
 from tests.node_bench import VOLT, Bench, ask
 from tests.wheel import Wheel
 
-CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
-DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
 MEMORY = 2.0
 """MB by which seventy nodes may grow a process."""
 

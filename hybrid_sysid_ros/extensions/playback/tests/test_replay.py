@@ -29,9 +29,9 @@ from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.recorder import RecorderNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
+from tests.manager import set_parameter
 from tests.node_bench import Bench
 from tests.test_bags import references, stamps, states
-from tests.test_managed_nodes import set_parameter
 
 RIG = rigs.load("cam_beam")
 TOPICS = ("joint_states", "reference", "state_estimate", "joint_command")

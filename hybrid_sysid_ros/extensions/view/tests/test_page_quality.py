@@ -85,12 +85,12 @@ def page(desk: tuple[ShownRig, browser.Browser], shown_rig: ShownRig) -> browser
 
 def test_all_texts_stand_out_in_each_state_and_theme(page: browser.Browser, shown_rig: ShownRig) -> None:
     seen = 0
-    for theme in ("light", "dark"):
-        if page.evaluate("document.documentElement.dataset.theme") != theme:
+    for state in STATES:  # outside: a theme shows at once, a state comes with the next message
+        shown_rig.state = state
+        page.until(f"document.getElementById('state-word').textContent == '{state}'")
+        for _ in ("light", "dark"):
             page.evaluate("document.getElementById('theme').click()")
-        for state in STATES:
-            shown_rig.state = state
-            page.until(f"document.getElementById('state-word').textContent == '{state}'")
+            theme = page.evaluate("document.documentElement.dataset.theme")
             found = page.evaluate(MEASURED_CONTRASTS)
             faint = [(theme, state, *each) for each in found if each[1] < (LARGE if each[2] else CONTRAST)]
             assert not faint
