@@ -25,7 +25,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Context:
-    """The context of a fit, see :class:`~hybrid_sysid_ros.models.fit.FitContext`."""
+    """The context of a fit, see :class:`~hybrid_sysid_ros.models.structure.FitContext`."""
 
     rig: Rig
     sampling: Sampling

@@ -1,10 +1,10 @@
-"""Input and result of the fit of a structure."""
+"""A record as a fit takes it, and what a fit finds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,6 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-if TYPE_CHECKING:
-    from hybrid_sysid_ros.models.structure import Magnitudes, Structure
-    from hybrid_sysid_ros.rigs.rig import Rig
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,46 +99,3 @@ class Fit:
     def spreads(self) -> Array:
         """Deviations of the free parameters by the cost alone, (free,), with which another fit is anchored."""
         return np.asarray(np.sqrt(np.clip(np.diag(self.by_cost), 0.0, None)))
-
-
-class FitContext(Protocol):
-    """Everything on which the fit of a structure depends; the records are resampled once."""
-
-    @property
-    def rig(self) -> Rig: ...
-
-    @property
-    def sampling(self) -> Sampling:
-        """The sampling that :meth:`~.structure.Structure.sampling` returned."""
-
-    @property
-    def options(self) -> Mapping[str, float | int]:
-        """All options of the structure, defaults included."""
-
-    @property
-    def seed(self) -> int: ...
-
-    @property
-    def progress(self) -> Any:
-        """A function of stage, evaluations and relative error, or None."""
-
-    @property
-    def magnitudes(self) -> Magnitudes:
-        """Magnitudes of the rig's states and inputs in the records."""
-
-    def experiments(self, system: System) -> list[PreparedRecord]:
-        """The records with the states of a system."""
-
-    def fit(self, system: System, **settings: Any) -> Fit:
-        """Least squares on free runs over the records, beginning at the values of a system.
-
-        settings: those of :func:`hybrid_sysid_ros.identification.fitting.fit`; ``experiments`` instead of the records'.
-        """
-
-    def fit_physics(self, systems: Sequence[System], **settings: Any) -> Fit:
-        """The best of fits that begin at several systems, by the options ``starts``, ``ridge`` and ``input_bias``.
-        For a rig that needs a stabiliser they use short windows.
-        """
-
-    def of(self, structure: Structure) -> FitContext:
-        """The context for a part of the structure, with the options of this part."""

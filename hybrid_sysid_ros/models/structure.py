@@ -6,11 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import isabstract
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
@@ -62,7 +63,7 @@ def parse(texts: list[str]) -> dict[str, float]:
 
 
 if TYPE_CHECKING:
-    from hybrid_sysid_ros.models.fit import Fit, FitContext
+    from hybrid_sysid_ros.rigs.rig import Rig
     from hybrid_sysid_ros.rigs.sensor import Sensor
 Boxes = Mapping[str, System]
 """Further gray boxes of a rig, by name."""
@@ -82,6 +83,49 @@ class Magnitudes:
     """Names of the states that no record shows."""
     sensors: tuple[Sensor, ...] = ()
     """The rig's sensors, at which those that are fitted begin."""
+
+
+class FitContext(Protocol):
+    """Everything on which the fit of a structure depends; the records are resampled once."""
+
+    @property
+    def rig(self) -> Rig: ...
+
+    @property
+    def sampling(self) -> Sampling:
+        """The sampling that :meth:`Structure.sampling` returned."""
+
+    @property
+    def options(self) -> Mapping[str, float | int]:
+        """All options of the structure, defaults included."""
+
+    @property
+    def seed(self) -> int: ...
+
+    @property
+    def progress(self) -> Any:
+        """A function of stage, evaluations and relative error, or None."""
+
+    @property
+    def magnitudes(self) -> Magnitudes:
+        """Magnitudes of the rig's states and inputs in the records."""
+
+    def experiments(self, system: System) -> list[PreparedRecord]:
+        """The records with the states of a system."""
+
+    def fit(self, system: System, **settings: Any) -> Fit:
+        """Least squares on free runs over the records, beginning at the values of a system.
+
+        settings: those of :func:`hybrid_sysid_ros.identification.fitting.fit`; ``experiments`` instead of the records'.
+        """
+
+    def fit_physics(self, systems: Sequence[System], **settings: Any) -> Fit:
+        """The best of fits that begin at several systems, by the options ``starts``, ``ridge`` and ``input_bias``.
+        For a rig that needs a stabiliser they use short windows.
+        """
+
+    def of(self, structure: Structure) -> FitContext:
+        """The context for a part of the structure, with the options of this part."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,9 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.core.wrappers import Wrapper
-from hybrid_sysid_ros.models.fit import Fit, FitContext
+from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.models.linear import REACH, Friction, Linear
-from hybrid_sysid_ros.models.structure import Magnitudes, Option, Options, Structure
+from hybrid_sysid_ros.models.structure import FitContext, Magnitudes, Option, Options, Structure
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extensions import provided

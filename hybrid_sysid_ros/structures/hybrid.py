@@ -11,10 +11,10 @@ from scipy.linalg import block_diag
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
-from hybrid_sysid_ros.models.fit import Fit, FitContext
+from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.models.hybrid_system import Hybrid, averaged_hybrid, block_kinds, block_of, features_of, kind_of
 from hybrid_sysid_ros.models.region import Region
-from hybrid_sysid_ros.models.structure import Magnitudes, Option, Options, Structure
+from hybrid_sysid_ros.models.structure import FitContext, Magnitudes, Option, Options, Structure
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, LinearisedLaw
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

@@ -14,9 +14,9 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
 from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.extensions.shared.lagged import Lagged
-from hybrid_sysid_ros.models.fit import Fit, FitContext
+from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structure import Option, Structure
+from hybrid_sysid_ros.models.structure import FitContext, Option, Structure
 
 LAGS = {
     "output_lags": Option(default=2, low=0, high=6, kind="int", description="Past outputs; 0: inputs alone."),

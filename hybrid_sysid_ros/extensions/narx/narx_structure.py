@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.narx.narx import Narx
-from hybrid_sysid_ros.models.fit import Fit, FitContext
+from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structure import Option, Structure
+from hybrid_sysid_ros.models.structure import FitContext, Option, Structure
 
 RIDGE = 1e-6
 """Its terms are chosen already: nothing pulls their coefficients to zero."""

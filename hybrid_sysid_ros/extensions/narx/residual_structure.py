@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.narx.residual_hybrid import ResidualHybrid, averaged_residual
-from hybrid_sysid_ros.models.fit import Fit, FitContext
-from hybrid_sysid_ros.models.structure import Option, Structure
+from hybrid_sysid_ros.models.fit import Fit
+from hybrid_sysid_ros.models.structure import FitContext, Option, Structure
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS
 from hybrid_sysid_ros.structures.hybrid import MEMBERS, RIDGE
 

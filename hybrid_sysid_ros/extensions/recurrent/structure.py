@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent, step_within
-from hybrid_sysid_ros.models.fit import Fit, FitContext
+from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structure import Option, Structure
+from hybrid_sysid_ros.models.structure import FitContext, Option, Structure
 
 
 class RecurrentStructure(Structure):

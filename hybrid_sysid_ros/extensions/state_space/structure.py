@@ -10,9 +10,9 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
-from hybrid_sysid_ros.models.fit import Fit, FitContext
+from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structure import Option, Structure
+from hybrid_sysid_ros.models.structure import FitContext, Option, Structure
 from hybrid_sysid_ros.support.arrays import Array
 
 SHOWN = 6
