@@ -27,7 +27,7 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.fuzz.worker import FAILURES, MEMORY, OUTCOMES, SECONDS, Case, Reader, serve
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.extensions.shared.parallel import count
+from hybrid_sysid_ros.extensions.shared.workers import count
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256, written_file
 from hybrid_sysid_ros.support.threads import alone

@@ -10,7 +10,8 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.shared import parallel
-from hybrid_sysid_ros.extensions.shared.parallel import Lost, Store
+from hybrid_sysid_ros.extensions.shared.parallel import Store
+from hybrid_sysid_ros.extensions.shared.workers import Lost, count
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.structure import Options, structure_of
@@ -95,9 +96,7 @@ def compare(
     ]
     done: dict[str, Candidate] = {}
     slow_first = sorted(tasks, key=lambda task: len(task.seeds) == 1)
-    found = parallel.workers_for(
-        work, jobs=min(parallel.count(jobs), max(len(tasks), 1)), name=lambda task: task.structure
-    )
+    found = parallel.workers_for(work, jobs=min(count(jobs), max(len(tasks), 1)), name=lambda task: task.structure)
     with found:
         for task, result, _ in parallel.resumed(
             found, slow_first, store=store, key=lambda task: task.key, keep=lambda item: item.validation is not None

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.extensions.shared.parallel import Lost
+from hybrid_sysid_ros.extensions.shared.workers import Lost
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.models import Sampling
 from studies.beam_lecture import comparison

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.search.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, TrialResult
-from hybrid_sysid_ros.extensions.shared.parallel import Lost, Workers
+from hybrid_sysid_ros.extensions.shared.workers import Lost, Workers
 from hybrid_sysid_ros.identification.identify import identify
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.models import Model, Option, Options, Sampling, options_of

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from typing import Any
 
-from hybrid_sysid_ros.extensions.shared.parallel import Item, Lost, Result, Workers, _alone, count
+from hybrid_sysid_ros.extensions.shared.workers import Item, Lost, Result, Workers, count, in_one_thread
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.threads import ONE_THREAD
@@ -84,7 +84,7 @@ class Cluster(Workers[Item, Result]):
         return max(1, sum(workers.values()))
 
     def submit(self, item: Item) -> Future[Result]:
-        future: Future[Result] = self._executor.submit(_alone, self._work, item)
+        future: Future[Result] = self._executor.submit(in_one_thread, self._work, item)
         return future
 
     def result(self, future: Future[Result]) -> Result | Lost:

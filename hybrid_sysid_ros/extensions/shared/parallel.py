@@ -8,36 +8,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import signal
 import warnings
-from abc import ABC, abstractmethod
-from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic
 
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
+from hybrid_sysid_ros.extensions.shared.workers import Item, Lost, Result, Workers, count, in_one_thread
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256, written_folder
-from hybrid_sysid_ros.support.progress import Report
-from hybrid_sysid_ros.support.threads import ONE_THREAD, alone
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
-POLL = 1.0
-"""Seconds between two looks at the workers."""
-
-LOSSES = 3
-"""Number of lost processes after which a piece is given up, since it probably causes the losses."""
+from hybrid_sysid_ros.support.threads import ONE_THREAD
 
 IDLE = 60.0
 """Seconds after which an idle process ends, also one whose parent was killed."""
@@ -45,85 +32,6 @@ IDLE = 60.0
 ARRAYS = "arrays.safetensors"
 FINISHED = "finished.json"
 """The file that shows that a result was written whole, with its key and its SHA-256."""
-
-
-@dataclass(frozen=True)
-class Lost:
-    """Replaces a result whose processes were lost repeatedly."""
-
-    reason: str = f"its worker process was lost {LOSSES} times; perhaps it needs more memory"
-
-
-class Workers(ABC, Generic[Item, Result]):
-    """Workers for one kind of work, as a context. tell: receives a line when one is lost; name: the item in it."""
-
-    def __init__(
-        self, work: Callable[[Item], Result], *, tell: Report = print, name: Callable[[Item], str] = str
-    ) -> None:
-        self.work = work
-        self.tell = tell
-        self.name = name
-        self._pending: dict[Future[Result], tuple[int, Item]] = {}
-
-    def run(self, items: Iterable[Item]) -> Iterator[tuple[Item, Result | Lost]]:
-        """Results in the order in which they end; an item is taken when a worker is free for it.
-
-        Raises errors of the work, and UserError where no workers are left.
-        """
-        waiting, losses = iter(items), Counter[int]()
-        pending, taken = self._pending, 0
-        while True:
-            while len(pending) < self.size:
-                try:
-                    item = next(waiting)
-                except StopIteration:
-                    break
-                pending[self.submit(item)] = taken, item
-                taken += 1
-            if not pending:
-                return
-            for future in wait(pending, timeout=POLL, return_when=FIRST_COMPLETED).done:
-                number, item = pending.pop(future)
-                try:
-                    found: Result | Lost = self.result(future)
-                except BrokenExecutor:
-                    losses[number] += 1
-                    if losses[number] < LOSSES:
-                        self.tell(f"a worker process was lost; {self.name(item)} runs again")
-                        pending[self.submit(item)] = number, item
-                        continue
-                    found = Lost()
-                yield item, found
-
-    def drained(self) -> Iterator[tuple[Item, Result | Lost]]:
-        """Wait for running items; failed and lost ones are left out."""
-        while self._pending:
-            for future in wait(self._pending, return_when=FIRST_COMPLETED).done:
-                _, item = self._pending.pop(future)
-                if future.exception() is None:
-                    yield item, self.result(future)
-
-    @property
-    @abstractmethod
-    def size(self) -> int:
-        """Number of items that run at once."""
-
-    @abstractmethod
-    def submit(self, item: Item) -> Future[Result]:
-        """Begin with an item."""
-
-    def result(self, future: Future[Result]) -> Result | Lost:
-        """The result of a finished future. Raises BrokenExecutor where its worker was lost."""
-        return future.result()
-
-    def close(self) -> None:
-        """End all workers, including running work."""
-
-    def __enter__(self) -> Workers[Item, Result]:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 class Here(Workers[Item, Result]):
@@ -145,7 +53,7 @@ class Here(Workers[Item, Result]):
 class Processes(Workers[Item, Result]):
     """Processes of this machine, by joblib's executor. Each is a pool of its own, so that only one breaks at a loss.
 
-    jobs: see :func:`count`. Work and items are pickled.
+    jobs: see :func:`~.workers.count`. Work and items are pickled.
     """
 
     def __init__(self, work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> None:
@@ -170,7 +78,7 @@ class Processes(Workers[Item, Result]):
 
     def submit(self, item: Item) -> Future[Result]:
         process = self._idle.pop()
-        future = process.submit(_alone, self.work, item)
+        future = process.submit(in_one_thread, self.work, item)
         self._busy[future] = process
         return future
 
@@ -269,8 +177,8 @@ def run(
 ) -> list[Result]:
     """Results of ``work`` for each piece, in their order.
 
-    workers: see :func:`count`. cluster: see :class:`~.cluster.Cluster`, in place of processes. store: a store of
-    finished pieces, so that an interrupted run can continue. progress: receives the numbers of finished and of all
+    workers: see :func:`~.workers.count`. cluster: see :class:`~.cluster.Cluster`, in place of processes. store: a store
+    of finished pieces, so that an interrupted run can continue. progress: receives the numbers of finished and of all
     pieces. After Ctrl-C no more work is begun; results of running pieces are still stored. Raises UserError where a
     piece loses its processes repeatedly.
     """
@@ -324,18 +232,3 @@ def resumed(
                 if not isinstance(result, Lost) and keep(result):
                     store.keep(key(item), result)
         raise
-
-
-def count(jobs: int) -> int:
-    """A number of jobs: 0 or -1 is one for each processor. Raises UserError for less."""
-    if jobs in (0, -1):
-        return len(os.sched_getaffinity(0))
-    if jobs < 1:
-        raise UserError(f"--jobs {jobs}: write how many processes, or 0 for one on each processor")
-    return jobs
-
-
-def _alone(work: Callable[[Item], Result], item: Item) -> Result:
-    """Run an item with one thread, as in parallel processes."""
-    with alone():
-        return work(item)

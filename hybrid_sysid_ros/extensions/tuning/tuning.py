@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from hybrid_sysid_ros.extensions.shared import parallel
+from hybrid_sysid_ros.extensions.shared.workers import count as count_of
 from hybrid_sysid_ros.extensions.tuning.front import Trials, TuningTrial, best_of, front_of
 from hybrid_sysid_ros.extensions.tuning.loops import Loops, Measures
 from hybrid_sysid_ros.models import Options
@@ -62,7 +63,7 @@ def tune(
     """Make trials until there are ``count``, and measure the best one on unseen loops."""
     progress(len(trials.finished), count)
     while (missing := count - len(trials.finished)) > 0:
-        asked = [trials.ask() for _ in range(min(missing, parallel.count(workers)))]
+        asked = [trials.ask() for _ in range(min(missing, count_of(workers)))]
         found = parallel.run(partial(_tried, loops), [trial.params for trial in asked], workers=workers)
         for trial, measures in zip(asked, found, strict=True):
             trials.tell(trial, measures)

@@ -20,7 +20,8 @@ from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import parameter_ro
 from hybrid_sysid_ros.extensions.accuracy.setup import Setup
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy
 from hybrid_sysid_ros.extensions.accuracy.verdict import Found
-from hybrid_sysid_ros.extensions.shared.parallel import Lost, Store, resumed, workers_for
+from hybrid_sysid_ros.extensions.shared.parallel import Store, resumed, workers_for
+from hybrid_sysid_ros.extensions.shared.workers import Lost
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig

@@ -16,7 +16,8 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, search, trial_name
 from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, TrialResult, opened_study
 from hybrid_sysid_ros.extensions.shared.cluster import Cluster
-from hybrid_sysid_ros.extensions.shared.parallel import Processes, Workers
+from hybrid_sysid_ros.extensions.shared.parallel import Processes
+from hybrid_sysid_ros.extensions.shared.workers import Workers
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import load as load_rig

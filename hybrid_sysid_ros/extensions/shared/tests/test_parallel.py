@@ -10,7 +10,8 @@ import pytest
 from safetensors.numpy import save_file
 
 from hybrid_sysid_ros.extensions.shared import parallel
-from hybrid_sysid_ros.extensions.shared.parallel import Store, Workers, resumed, run
+from hybrid_sysid_ros.extensions.shared.parallel import Store, resumed, run
+from hybrid_sysid_ros.extensions.shared.workers import Workers, count
 from hybrid_sysid_ros.support import threads
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -110,4 +111,4 @@ def test_a_mistake_of_the_work_is_raised():
 def test_a_number_of_workers_that_is_none_is_refused():
     with pytest.raises(UserError, match="-2"):
         run(squares, [1], workers=-2)
-    assert parallel.count(0) == parallel.count(-1) == len(os.sched_getaffinity(0))
+    assert count(0) == count(-1) == len(os.sched_getaffinity(0))
