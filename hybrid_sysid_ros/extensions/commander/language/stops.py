@@ -81,7 +81,7 @@ def _patterns() -> _Patterns:
         _any([words for language in table[kind].values() for words in language])
         for kind in ("emergency", "anywhere", "motionless", "edge", "alone")
     )
-    stop = rf"(?<= )(?:{anywhere}|{motionless})|(?:^ |\| ){edge}|(?<= ){edge}(?:$|\|)|^ (?:\| )*{alone}(?:\| )*$"
+    stop = rf"(?<= )(?:{anywhere}|{motionless})|(?:^ |\| ){edge}|(?<= ){edge}(?:$|\|)|^ (?:\| )*(?:{alone}(?:\| )*)+$"
     unless = {kind: _any(words) for kind, words in table["unless"].items()}
     before, whole = rf"{unless['before']}(?:{unless['between']})?", unless["whole"]
     not_stop = rf"(?<= )(?:{before}(?:{emergency}|{anywhere}|{edge})|(?:no|nao) {unless['with_no']}|{whole})"

@@ -17,28 +17,31 @@ SAID = {
         move | stand still | knock it off | oh no stop | no, stop! | oh no it is shaking stop | please
         brake | you must abort now | go to 99 V stop | can't you stop |
         never mind | Nevermind! | forget it | no more! | don't continue | never mind, go to 2 V |
-        do not move stop | don't wait stop | without delay stop | do not go halt
+        do not move stop | don't wait stop | without delay stop | do not go halt | no! | no, no, no! | oh no
     """,
     "pt": """
         pare | PARE | pára! | para | para tudo | para já | meu deus para | não, para! | parar | parem |
         pare agora | chega | basta | desliga | desligue o motor | aborta | cancela | freia | trava |
-        interrompe isso | não se mexa | fica quieto | não continue | deixa pra lá | esquece isso
+        interrompe isso | não se mexa | fica quieto | não continue | deixa pra lá | esquece isso | não!
     """,
     "es": """
         para ya | párate | deténgase | detente | detener | ¡alto! | basta ya | frena | apágalo | apague el
-        motor | cancelar | no te muevas | quieto | parad, detened, paren
+        motor | cancelar | no te muevas | quieto | parad, detened, paren | freno
     """,
     "de": """
         stopp | halt | Halt an! | anhalten | stehen bleiben | bleib sofort stehen | abbrechen | Abbruch |
         brems | bremsen | schalte den Motor aus | mach es aus | aus | hör auf | Hör auf damit! | Schluss |
-        genug | nicht bewegen | nicht weiter stopp
+        genug | nicht bewegen | nicht weiter stopp | nein
     """,
     "fr": """
         arrête | ARRÊTEZ | arrête-toi | arrêter | arrêt | stoppez | halte ! | ça suffit | c'est assez |
-        freine | coupe le moteur | ne bouge plus | ne bougez pas | annule
+        freine | coupe le moteur | ne bouge plus | ne bougez pas | annule | non
     """,
 }
-ALONE = {"hold on!", "forget it", "no more!", "deixa pra lá", "esquece isso"}
+ALONE = {
+    "hold on!", "forget it", "no more!", "no!", "no, no, no!", "oh no", "deixa pra lá", "esquece isso", "não!", "nein",
+    "non",
+}  # fmt: skip
 """Stops as whole sentences alone."""
 LATCHING = """
     emergency | emergency stop | E-STOP | estop now | cut the power | kill it | pull the plug | emergência |
