@@ -21,7 +21,7 @@ from hybrid_sysid_ros.models import Sampling, build, structure_names
 from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
-from tests.shared import FlexibleJoint
+from tests.small_systems import FlexibleJoint
 from tests.structures import MOTIONS
 
 SAMPLING = Sampling(step=0.005, period=0.05)

@@ -11,7 +11,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.mathematics import Scalar, cos, sin
 from hybrid_sysid_ros.core.rollout import one_step
 from hybrid_sysid_ros.estimation import Tuning
-from tests.shared import FlexibleJoint
+from tests.small_systems import FlexibleJoint
 
 PERIOD = 0.005
 

@@ -16,7 +16,8 @@ from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpret
 from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.extensions.commander.tests.corpus import CORPUS, Refused
+from hybrid_sysid_ros.extensions.commander.tests.corpus import CORPUS
+from hybrid_sysid_ros.extensions.commander.tests.readings import Refused
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError

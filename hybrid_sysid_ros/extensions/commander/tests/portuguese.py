@@ -1,0 +1,63 @@
+"""Sentences in Portuguese, for the corpus."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hybrid_sysid_ros.extensions.commander.tests.readings import (
+    BEAM,
+    CONE,
+    DRILL,
+    HOME,
+    JOINT,
+    STOP,
+    WHEEL,
+    Refused,
+    by,
+    follow,
+    go,
+    ramp,
+    square,
+    swing,
+    wait,
+)  # fmt: skip
+
+PORTUGUESE: list[tuple[str, str, Any]] = [
+    (BEAM, "vá para 3 graus", [go(3 / 1.3)]),
+    (BEAM, "vai para 2,5 V devagar", [go(2.5, pace="slowly")]),
+    (BEAM, "VÁ PARA MENOS DOIS VÍRGULA CINCO VOLTS", [go(-2.5)]),
+    (BEAM, "leve a viga para 2 V em 4 segundos", [go(2, seconds=4)]),
+    (BEAM, "mantenha 2 V por 5 s", [go(2, hold=5)]),
+    (BEAM, "suba 1 V", [by(1)]),
+    (BEAM, "abaixe meio volt", [by(-0.5)]),
+    (BEAM, "desça por 1 V devagar", [by(-1, pace="slowly")]),
+    (BEAM, "rampa até 3 V em 6 s", [ramp(3, seconds=6)]),
+    (BEAM, "faça uma rampa de -1 a 1 V em 4 s", [ramp(1, begin=-1, seconds=4)]),
+    (BEAM, "um degrau de 2 V", Refused("to that value, or by it")),
+    (BEAM, "oscile entre -1 e 1 V a 0,5 Hz por 10 s", [swing(-1, 1, 0.5, 10)]),
+    (BEAM, "oscile entre -1 e 1 V a cada 2 s por 3 períodos", [swing(-1, 1, 0.5, 6)]),
+    (BEAM, "senoide com amplitude de 2 V e frequência de 0,5 Hz por 6 s", [swing(-2, 2, 0.5, 6)]),
+    (BEAM, "onda quadrada de 2 V com período de 4 s por 12 s", [square(-2, 2, 0.25, 12)]),
+    (BEAM, "vá para 1 V, espere 2 s e volte para a origem", [go(1), wait(2), HOME]),
+    (BEAM, "vá para 1 V e depois pare", [go(1), STOP]),
+    (BEAM, "siga hardware", [follow("hardware")]),
+    (BEAM, "volte para casa devagar", [{"do": "home", "pace": "slowly"}]),
+    (BEAM, "por favor, vá para 1 V", [go(1)]),
+    (BEAM, "vá para 1 V mantenha", Refused("then")),
+    (BEAM, "vá para 3", Refused("of what")),
+    (BEAM, "vá para 30 V", Refused("reach")),
+    (BEAM, "não vá para 3 V", Refused("commands say what to do")),
+    (BEAM, "vá para 3 V se estiver seguro", Refused("condition")),
+    (BEAM, "vá para 2 ou 3 V", Refused("alternative")),
+    (BEAM, "repita", Refused("repeat")),
+    (JOINT, "gire a 20 rpm", [go(20)]),
+    (JOINT, "velocidade do elo para 15 rpm em 2 s", [go(15, seconds=2)]),
+    (JOINT, "aumente a velocidade em 5 rpm", [by(5)]),
+    (JOINT, "gire o motor a 20 rpm", Refused("not steered")),
+    (DRILL, "gire a broca a 3 radianos por segundo", [go(3)]),
+    (WHEEL, "coloque a roda a 100 rpm por 10 segundos", [go(100, hold=10)]),
+    (WHEEL, "mude o pwm para 100", Refused("pwm is an input")),
+    (CONE, "suba para 300 m", [go(300, "height")]),
+    (CONE, "desça 100 metros", [by(-100, "height")]),
+    (CONE, "altitude para 300 m e velocidade para 10 m/s", [{"do": "smooth", "to": {"height": 300, "speed": 10}}]),
+]
