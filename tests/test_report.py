@@ -66,6 +66,20 @@ def test_the_page_needs_no_network(text):
     assert text.count('"showSendToCloud": false') == figures  # nor does it offer to upload anything
 
 
+def luminance(colour: str) -> float:
+    """Relative luminance of #rrggbb (WCAG 2.2)."""
+    shares = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in shares)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+@pytest.mark.parametrize("name", ["--text: ", "--quiet: ", "--alarm: ", ".good { color: ", ".fair { color: "])
+def test_all_words_can_be_read(text, name):
+    """WCAG 2.2, 1.4.3."""
+    behind, written = (luminance(text.partition(before)[2][:7]) for before in ("body { margin: 0; background: ", name))
+    assert (behind + 0.05) / (written + 0.05) >= 4.5
+
+
 def test_every_record_is_there_with_its_scores(text, model, first):
     page = Page(text)
     for used, part in ((first, Part(start=0.5)), (record("second", 2), Part())):
