@@ -89,7 +89,7 @@ class _Search:
     def solved(self, point: Array) -> tuple[Array, Array, float, float]:
         """Errors in the output's size (steps,), numbers that follow, T and d, of log T and log d."""
         damping = float(np.exp(point[1]))
-        fastest = damping + np.sqrt(max(damping**2 - 1.0, 0.0))
+        fastest = damping + np.sqrt(damping**2 - 1.0) if damping > 1.0 else 1.0
         constant = max(float(np.exp(point[0])), fastest * self.step / FASTEST)
         rows, aim = responses_of(self.us, self.step / constant, damping), self.y
         if self.by_changes:

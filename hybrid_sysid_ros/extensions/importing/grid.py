@@ -147,7 +147,7 @@ def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
     away = np.abs(times - origin - fitted * whole)
     even = bool(near.mean() > 0.5 and away.max() <= JITTER * fitted)
     if even:
-        period, origin = _rounded(fitted, int(whole[-1])), float(times[0])
+        period, origin = _rounded(fitted, int(whole[-1]), float(away.max())), float(times[0])
         samples = int(whole[-1]) + 1
     else:
         origin = float(times[0])
@@ -180,7 +180,13 @@ def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
     return SampleGrid(period=period, times=grid, measured=measured, even=even)
 
 
-def _rounded(period: float, samples: int) -> float:
-    """The period in whole nanoseconds, where that moves the last sample by little."""
+def _rounded(period: float, samples: int, away: float) -> float:
+    """The period in the fewest digits that keep the last sample as near as the stamps are to even times, or else in
+    whole nanoseconds, where that moves it by little.
+    """
+    for digits in range(1, 10):
+        nearest = float(f"{period:.{digits}g}")
+        if abs(nearest - period) * samples <= min(away, 0.1 * JITTER * period):
+            return nearest
     nearest = round(period, 9)
     return nearest if nearest and abs(nearest - period) * samples < 0.1 * JITTER * period else period

@@ -24,6 +24,7 @@ from hybrid_sysid_ros.extensions.record_check.alignment import (
 )
 from hybrid_sysid_ros.extensions.record_check.changes import changes_of
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, runs_of
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.models import Sampling
@@ -45,6 +46,8 @@ rig shows: a free run of such a rig says nothing of its record."""
 COHERENT = 0.35
 """Coherence below which an output hardly follows the inputs, whatever the rig's parameters are. A fit is not blocked,
 since a law that folds, such as an absolute speed, shows none either."""
+LESS = 0.5
+"""Error that a play must leave, in that of the rig's physics, which may know of it."""
 
 
 def expected_outputs(record: Record, rig: Rig) -> Array | None:
@@ -80,7 +83,7 @@ def expected_outputs(record: Record, rig: Rig) -> Array | None:
 def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -> Iterator[RecordFinding]:
     """Sign, delay and its change, scale, swapped channels, frozen sensors, and outputs that no input moves."""
     expected = expected_outputs(record, rig)
-    outputs = [signal for signal in signals if not signal.is_input]
+    inputs, outputs = ([item for item in signals if item.is_input is kind] for kind in (True, False))
     if expected is None:
         return
     period = record.sampling_time
@@ -103,9 +106,14 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
             continue
         good = ~signal.spoilt
         found = best_alignment(signal.values, expected[:, k], good, apart, longest)
-        yield from _judged(
-            signal, _coherence(record, signal.values), found, expected[:, k], good, apart, longest, period
+        judged = list(
+            _judged(signal, _coherence(record, signal.values), found, expected[:, k], good, apart, longest, period)
         )
+        if found.correlation > CLEAR and not signal.explained:
+            delays = (rig.system.input_delays / period).tolist()
+            if play := _hysteresis(inputs, delays, signal, expected[:, k], found.lag):
+                judged = [item for item in judged if item.kind != "delay"] + [play]  # which a play looks like
+        yield from judged
 
 
 def input_acts_as_held(record: Record, rig: Rig, every: int) -> bool | None:
@@ -210,6 +218,27 @@ def _differences(
             words=f"{signal.name} moves {found.scale:.3g} times as far as the rig's physics say",
             cure="correct the scale or unit of the sensor or the input; or the rig's parameters, if they are guesses",
         )  # fmt: skip
+
+
+def _hysteresis(
+    inputs: Sequence[CheckedSignal], delays: Sequence[float], signal: CheckedSignal, expected: Array, lag: float
+) -> RecordFinding | None:
+    """A play that explains an output by far better than the rig's physics do, be they late or early. delays: of the
+    inputs in the rig, in samples.
+    """
+    at, y = np.arange(len(expected), dtype=np.float64), signal.values
+    acted = [np.interp(at - max(delay + lag, 0.0), at, u.values) for u, delay in zip(inputs, delays, strict=True)]
+    aligned = np.interp(at - lag, at, expected)
+    play, line = hysteresis_of(acted, y), np.polyfit(aligned, y, 1)
+    if play is None or play.left * np.var(y) > LESS * np.var(y - np.polyval(line, aligned)):
+        return None
+    place = signal if play.input is None else inputs[play.input]
+    return RecordFinding(
+        kind="hysteresis", cost=0.55,
+        words=f"{signal.name} answers otherwise on the way up than on the way down, as if {place.name} turned round "
+        f"within a play of {place.shown(play.width)}",
+        cure="look for a valve, gear or sensor that sticks (a guess); or put a play into the law (backlash)",
+    )  # fmt: skip
 
 
 def _drift(signal: CheckedSignal, expected: Array, good: NDArray[np.bool_], apart: int, longest: int) -> float | None:

@@ -92,6 +92,19 @@ def test_a_dead_time_of_many_samples_is_found(program, tmp_path, monkeypatch, de
         assert model.parameters["heater_delay"] == pytest.approx(0.01 * dead, abs=2e-3)
 
 
+def test_an_output_that_swings_faster_than_its_samples_makes_a_rig_that_loads(program, tmp_path, monkeypatch):
+    """Of a sensor that jumps with its input and back: no lag is short enough, and none is below its own bound."""
+    monkeypatch.chdir(tmp_path)
+    times, inputs, _ = response(60.0)
+    jumps = np.append(0.0, np.diff(inputs)) - 0.5 * np.append([0.0, 0.0], np.diff(inputs)[:-1])
+    table = np.column_stack([np.round(times / 3600.0, 4), inputs, inputs + jumps])
+    np.savetxt("log.csv", table, delimiter=",", header="Age (h),u,y", comments="", fmt="%.4f")
+    assert program("rig", "from", "log.csv", "./fast_sensor")[0] == 0
+    rig = hs.load_rig("./fast_sensor")
+    assert rig.system.named["time_constant"] >= 0.5 * rig.step
+    assert rig.step == 60.0  # hours of four digits are no clock that counts 59.9999999 s
+
+
 def test_two_files_of_one_record_are_joined(program, tmp_path, monkeypatch):
     """As public benchmarks are kept: a column each, without times."""
     monkeypatch.chdir(tmp_path)

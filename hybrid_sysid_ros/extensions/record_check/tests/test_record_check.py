@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros import bags
@@ -16,6 +17,7 @@ from hybrid_sysid_ros.bags import joint_states, write_bag
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.importing.tests.test_rig_from import written
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
+from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of, played
 from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held
 from tests.command_line import refused
 
@@ -111,6 +113,49 @@ def test_faults_are_named_at_any_time_scale(call, tmp_path, monkeypatch, period)
     assert {kind: findings_of(replace(r, output=output), rig)[0].kind for kind, output in faults.items()} == {
         kind: kind for kind in faults
     }
+
+
+def driven_lag(values):
+    """T y' = u - y with T of 20 samples, and a little noise."""
+    lag = lfilter([0.05], [1.0, -0.95], values)
+    return lag + 0.003 * np.ptp(lag) * np.random.default_rng(1).normal(size=len(lag))
+
+
+STEPS = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 60), 50)
+
+
+@pytest.mark.parametrize("where", ["input", "sensor"])
+def test_a_play_is_found_with_its_place_and_width(where):
+    width = 0.2 * np.ptp(STEPS if where == "input" else driven_lag(STEPS))
+    output = driven_lag(played(STEPS, width)) if where == "input" else played(driven_lag(STEPS), width)
+    found = hysteresis_of([STEPS], output)
+    assert found is not None
+    assert found.input == (0 if where == "input" else None)
+    assert found.width == pytest.approx(width, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        driven_lag(STEPS), np.tanh(2.0 * driven_lag(STEPS)), np.cumsum(driven_lag(STEPS)), np.abs(driven_lag(STEPS)),
+        np.roll(driven_lag(STEPS), 30), driven_lag(np.clip(STEPS, -0.3, 0.3)),
+        np.random.default_rng(2).normal(size=len(STEPS)),
+    ],
+)  # fmt: skip
+def test_what_only_bends_lags_or_adds_up_has_no_play(output):
+    assert hysteresis_of([STEPS], output) is None
+
+
+def test_a_valve_that_sticks_is_no_delay_of_the_rig_of_its_record(call, tmp_path, monkeypatch):
+    """The rig's equation takes a play for a longer lag, so that every output seemed to answer early."""
+    monkeypatch.chdir(tmp_path)
+    time, flow = np.arange(float(len(STEPS))), driven_lag(played(STEPS, 0.4))
+    np.savetxt("v.csv", np.column_stack([time, STEPS, flow]), delimiter=",", header="time,valve,y", comments="")
+    program = partial(call, app.main, "hybrid-sysid")
+    assert program("rig", "from", "v.csv", "./stiction")[0] == program("import", "v.csv", "--rig", "./stiction")[0] == 0
+    found = findings_of(hs.read_bag("bags/v", "./stiction"), hs.load_rig("./stiction"))
+    assert [item.kind for item in found] == ["hysteresis"]
+    assert "as if valve turned round within a play of 0.4" in found[0].words
 
 
 def test_where_nothing_moves_nothing_is_said_of_signs():

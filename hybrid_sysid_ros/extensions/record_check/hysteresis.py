@@ -1,0 +1,100 @@
+"""Hysteresis: an output that answers otherwise on the way up than on the way down, as a valve that sticks makes it.
+
+Integrals of the inputs, first-order lags of them, of their squares and cubes, and curves of the whole explain what they
+can of an output, and the same beside a play operator what they can then. A play of width w follows its input only where
+that leaves the last value by more than w / 2 (Krasnosel'skii & Pokrovskii 1989, Systems with Hysteresis).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from hybrid_sysid_ros.support.arrays import Array
+
+WIDTHS = np.geomspace(0.02, 0.32, 7)
+"""That are tried, in the signal's span."""
+LAGS, MOST, ROUNDS = 10, 3000, 3
+"""Lags of a bank, samples by which it is judged, and rounds in which what an output would be without play is found."""
+GAIN, LEFT = 0.6, 0.1
+"""Error that a play must leave, in that without it, and share of the output's variance: else it is another law."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hysteresis:
+    """The play that explains an output best."""
+
+    input: int | None
+    """Which input has it; None: the output's sensor."""
+    width: float
+    """In that signal's unit."""
+    left: float
+    """Variance that it leaves of the output's."""
+
+
+def hysteresis_of(inputs: Sequence[Array], output: Array) -> Hysteresis | None:
+    """The play of an input or of the sensor, where one explains the output clearly better than none."""
+    every = -(-len(output) // MOST)
+    us, y = [values[::every] for values in inputs if np.ptp(values) > 0.0], output[::every] - output.mean()
+    moving = [k for k, values in enumerate(inputs) if np.ptp(values) > 0.0]
+    slow = [np.arange(len(y)), *(np.cumsum(_scaled(u)) for u in us)]
+    banks = [_bank(_scaled(u) ** power) for u in us for power in (1, 2, 3)]
+    known = _directions(np.column_stack([np.ones(len(y)), *slow, *banks]))
+    straight = _scaled(known @ (known.T @ y))
+    known = _directions(np.column_stack([known, straight**2, straight**3]))
+    alone, whole = y - known @ (known.T @ y), float(y @ y)
+    tried = [(k, width, _bank(played(u, width))) for k, u in zip(moving, us, strict=True) for width in _widths(u)]
+    tried += [(None, width, more) for width in _widths(y) for more in _of_sensor(known, y, width)]
+    found = [Hysteresis(input=k, width=width, left=_left(known, alone, more) / whole) for k, width, more in tried]
+    best = min(found, key=lambda item: item.left)
+    return best if best.left < min(GAIN * float(alone @ alone) / whole, LEFT) else None
+
+
+def _scaled(values: Array) -> Array:
+    """From -1 to 1."""
+    return np.asarray(2.0 * (values - values.min()) / max(float(np.ptp(values)), 1e-300) - 1.0)
+
+
+def _widths(values: Array) -> list[float]:
+    return (WIDTHS * float(np.ptp(values))).tolist()
+
+
+def _directions(columns: Array) -> Array:
+    """An orthonormal basis of what columns reach."""
+    left, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-7 * sizes[0]])
+
+
+def played(values: Array, width: float) -> Array:
+    """What a play makes of a signal, (samples,)."""
+    found, at = np.empty(len(values)), float(values[0])
+    for k, value in enumerate(values.tolist()):
+        at = min(max(at, value - 0.5 * width), value + 0.5 * width)
+        found[k] = at
+    return found
+
+
+def _of_sensor(known: Array, y: Array, width: float) -> Iterator[Array]:
+    """What a sensor's play adds to what the inputs explain, (samples, 1), better in each round."""
+    explained = known @ (known.T @ y)
+    for _ in range(ROUNDS):
+        added = played(explained, width) - explained
+        yield added[:, None]
+        explained = known @ (known.T @ (y - added))
+
+
+def _bank(values: Array) -> Array:
+    """Lags of a signal from one sample to a tenth of the record, and the signal, (samples, LAGS + 1)."""
+    keeps = np.exp(-1.0 / np.geomspace(1.0, 0.1 * len(values), LAGS))
+    moved = values - values[0]
+    return np.column_stack([moved, *(lfilter([1.0 - keep], [1.0, -keep], moved) for keep in keeps.tolist())])
+
+
+def _left(known: Array, alone: Array, more: Array) -> float:
+    """Sum of squares that is left where more columns explain what the known ones leave."""
+    more = more - known @ (known.T @ more)
+    error = alone - more @ np.linalg.lstsq(more, alone, rcond=1e-8)[0]
+    return float(error @ error)
