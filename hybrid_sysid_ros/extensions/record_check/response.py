@@ -200,7 +200,8 @@ def _differences(
         yield RecordFinding(
             kind="delay", cost=min(0.79, 0.5 + 0.3 * abs(found.lag) / (10 * apart)),
             words=f"{signal.name} answers {shown} {way} than the rig's physics say",
-            cure=f"shift: {round(found.lag)} of its column in import.yaml; or give the rig that delay, if it is real",
+            cure=f"shift: {round(found.lag)} of its column in import.yaml; or "
+            + ("give the rig that delay, if it is real" if late > 0 else "the rig's law is slower, if it is a guess"),
         )  # fmt: skip
     apart_from = signal.values - expected
     line = np.polyfit(np.arange(len(expected)), apart_from, 1)

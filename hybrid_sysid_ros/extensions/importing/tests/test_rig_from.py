@@ -92,7 +92,7 @@ def test_a_dead_time_of_many_samples_is_found(program, tmp_path, monkeypatch, de
         assert model.parameters["heater_delay"] == pytest.approx(0.01 * dead, abs=2e-3)
 
 
-def test_an_output_that_swings_faster_than_its_samples_makes_a_rig_that_loads(program, tmp_path, monkeypatch):
+def test_an_output_that_jumps_between_its_samples_makes_a_rig_that_loads(program, tmp_path, monkeypatch):
     """Of a sensor that jumps with its input and back: no lag is short enough, and none is below its own bound."""
     monkeypatch.chdir(tmp_path)
     times, inputs, _ = response(60.0)
