@@ -46,7 +46,9 @@ def hysteresis_of(inputs: Sequence[Array], output: Array) -> Hysteresis | None:
     straight = _scaled(known @ (known.T @ y))
     known = _directions(np.column_stack([known, straight**2, straight**3]))
     alone, whole = y - known @ (known.T @ y), float(y @ y)
-    tried = [(k, width, _bank(played(u, width))) for k, u in zip(moving, us, strict=True) for width in _widths(u)]
+    tried: list[tuple[int | None, float, Array]] = [
+        (k, width, _bank(played(u, width))) for k, u in zip(moving, us, strict=True) for width in _widths(u)
+    ]
     tried += [(None, width, more) for width in _widths(y) for more in _of_sensor(known, y, width)]
     found = [Hysteresis(input=k, width=width, left=_left(known, alone, more) / whole) for k, width, more in tried]
     best = min(found, key=lambda item: item.left)
