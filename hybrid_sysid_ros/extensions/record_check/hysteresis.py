@@ -17,8 +17,10 @@ from hybrid_sysid_ros.support.arrays import Array
 
 WIDTHS = np.geomspace(0.02, 0.32, 7)
 """That are tried, in the signal's span."""
-LAGS, MOST, ROUNDS = 10, 3000, 3
-"""Lags of a bank, samples by which it is judged, and rounds in which what an output would be without play is found."""
+LAGS, MOST, ROWS, ROUNDS = 10, 3000, 8, 3
+"""Lags of a bank, most samples by which it is judged, fewest for each column, and rounds in which what an output would
+be without play is found.
+"""
 GAIN, LEFT = 0.6, 0.1
 """Error that a play must leave, in that without it, and share of the output's variance: else it is another law."""
 
@@ -36,13 +38,18 @@ class Hysteresis:
 
 
 def hysteresis_of(inputs: Sequence[Array], output: Array) -> Hysteresis | None:
-    """The play of an input or of the sensor, where one explains the output clearly better than none."""
+    """The play of an input or of the sensor, where one explains the output clearly better than none; None, too, where
+    few samples would be explained by anything.
+    """
     every = -(-len(output) // MOST)
     us, y = [values[::every] for values in inputs if np.ptp(values) > 0.0], output[::every] - output.mean()
     moving = [k for k, values in enumerate(inputs) if np.ptp(values) > 0.0]
     slow = [np.arange(len(y)), *(np.cumsum(_scaled(u)) for u in us)]
     banks = [_bank(_scaled(u) ** power) for u in us for power in (1, 2, 3)]
-    known = _directions(np.column_stack([np.ones(len(y)), *slow, *banks]))
+    columns = np.column_stack([np.ones(len(y)), *slow, *banks])
+    if len(y) < ROWS * columns.shape[1]:
+        return None
+    known = _directions(columns)
     straight = _scaled(known @ (known.T @ y))
     known = _directions(np.column_stack([known, straight**2, straight**3]))
     alone, whole = y - known @ (known.T @ y), float(y @ y)
