@@ -109,7 +109,7 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
         judged = list(
             _judged(signal, _coherence(record, signal.values), found, expected[:, k], good, apart, longest, period)
         )
-        if found.correlation > CLEAR and not signal.explained:
+        if found.correlation > CLEAR and not signal.explained and not rig.system.contacts:  # friction turns round alike
             delays = (rig.system.input_delays / period).tolist()
             if play := _hysteresis(inputs, delays, signal, expected[:, k], found.lag):
                 judged = [item for item in judged if item.kind != "delay"] + [play]  # which a play looks like
