@@ -84,6 +84,10 @@ def test_no_group_of_the_site_has_more_than_seven_entries() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
     groups = list(_groups(yaml.safe_load(navigation.partition("\n")[2])))
     assert [group for group in groups if len(group) > 7] == []
+    pages = {folder.parent.name: len([*folder.rglob("*.md")]) for folder in EXTENSIONS.glob("*/docs")}
+    named = [group for group in groups if isinstance(group[0], str)]  # of extensions, by their folders
+    assert pages.keys() <= {name for group in named for name in group}
+    assert [group for group in named if sum(pages.get(name, 0) for name in group) > 7] == []
 
 
 def test_the_reference_is_made_of_the_code(monkeypatch) -> None:
