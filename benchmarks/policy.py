@@ -35,11 +35,13 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.control.scenarios import Scenario, Spread
+from hybrid_sysid_ros.control.scenarios import Scenario
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.extensions.policies.configured import train_configured_policy
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.extensions.shared.reference_kinds import references
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
@@ -193,7 +195,7 @@ def beam(train: bool) -> dict[str, Any]:
     """The shipped policy against the exact MPC on plants and references that it never saw."""
     rig, model = load_rig(RIG), load_model(configuration.shipped(RIG, "model"))
     shipped = policy.load(configuration.shipped(RIG, "policy"), model=model)
-    spread = configuration.spread_of(rig, model.system)
+    spread = drawn_scenarios.spread_of(rig, model.system)
     exact = costs(ExactMpc(model.system, shipped.problem), shipped.problem, rig.system, spread)
     questions: list[tuple[Array, ...]] = []
     own = costs(shipped, shipped.problem, rig.system, spread, questions)
@@ -258,9 +260,9 @@ def cost(
     begins = np.arange(periods) == 0
     none = np.zeros((periods, len(system.states)))
     scenario = Scenario(
-        plant=scenarios.plant_near(system, spread.parameters, random),
+        plant=drawn_scenarios.plant_near(system, spread.parameters, random),
         begins=begins,
-        states=scenarios.beginnings(random, system, problem, spread, wanted[:periods], begins),
+        states=drawn_scenarios.beginnings(random, system, problem, spread, wanted[:periods], begins),
         inputs=np.zeros((periods, len(system.inputs))),
         references=wanted,
         disturbances=np.tile(random.normal(size=len(system.inputs)) * np.array(spread.disturbance), (periods, 1)),

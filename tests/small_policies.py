@@ -8,7 +8,7 @@ import numpy as np
 from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Correction, Policy
-from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.models import Model, Sampling
 from tests.one_joint import Linear
 

@@ -14,7 +14,7 @@ from rich.table import Table
 from hybrid_sysid_ros.commands.terminal import Json, RigPlace, console, end, print_table
 from hybrid_sysid_ros.rigs.check import MOST_STEPS, check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.runtime import configuration, preflight
+from hybrid_sysid_ros.runtime import preflight
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import collected
 from hybrid_sysid_ros.support.extensions import blaming, loaded, targets
@@ -79,10 +79,9 @@ def _facts(rig: Rig) -> Table:
 
 
 def _sections(rig: Rig) -> list[str]:
-    """What is wrong with the sections of policies, demo and extensions."""
+    """What is wrong with the sections of demo and extensions."""
     problems = list[str]()
     made: tuple[tuple[str, Callable[[], Any]], ...] = (
-        ("policy_training", lambda: configuration.spread_of(rig)),
         ("demo", lambda: _demo(rig)),
         *((name, partial(_of_extension, target, rig)) for name, target in targets("sections").items() if target),
     )

@@ -16,7 +16,6 @@ from hybrid_sysid_ros.control.safety.failsafe import Ladder
 from hybrid_sysid_ros.control.safety.guard import GuardSettings
 from hybrid_sysid_ros.control.safety.guarding import RECENT
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
-from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.control.waiting_inputs import WaitingInputs
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, feedback_of, offset_of
@@ -42,7 +41,7 @@ from hybrid_sysid_ros.support.structured import numbers
 __all__ = [
     "CAMERA", "TRAINED", "NodeParameter", "check_rules", "check_tolerances", "controller_model",
     "defaults", "estimator_model", "estimator_tuning", "guard_settings", "mpc_problem", "parameters",
-    "settings", "shipped", "spread_of", "wrap_for_rig",
+    "settings", "shipped", "wrap_for_rig",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -279,34 +278,9 @@ def noise_cost(rig: Rig, problem: ControlProblem) -> float:
     return float(np.sum(problem.stage_weights.outputs[0] * _noise(rig) ** 2))
 
 
-def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, ...]:
-    """Numbers of the rig's states for the states of a model, by their names. States that only the model has get 0, and
-    offsets their initial deviation in an estimator.
-    """
-    known = dict(zip((item.name for item in rig.system.states), values, strict=True))
-    known |= {name: AT_FIRST * drift for name, drift in offset_drifts(rig).items()}
-    return tuple(known.get(item.name, 0.0) for item in model.states)
-
-
 def offset_drifts(rig: Rig) -> dict[str, float]:
     """Drifts of the rig's offsets, by the names of the offsets' states."""
     return {offset_of(name): drift for name, drift in rig.offsets.items()}
-
-
-def spread_of(rig: Rig, model: System | None = None) -> Spread:
-    """Distribution of the closed loops for a policy's training, from the rig's section policy_training.
-
-    model: the model whose states are pushed, by default the rig's system. Raises UserError for a missing number.
-    """
-    given, where = rig.section("policy_training"), f"{rig.file}: policy_training"
-    system = rig.system
-    return Spread(
-        amplitude=in_si(listed(given, "amplitude", where, len(system.outputs)), rig),
-        disturbance=listed(given, "disturbance", where, len(system.inputs)),
-        input_jitter=listed(given, "input_jitter", where, len(system.inputs)),
-        push=by_state(listed(given, "push", where, len(system.states)), rig, model or system),
-        parameters=numbers(given.get("parameters", 0.0), f"{where}.parameters", count=1)[0],
-    )
 
 
 def listed(content: Mapping[str, Any], key: str, where: str, count: int) -> tuple[float, ...]:

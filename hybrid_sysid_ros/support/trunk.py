@@ -7,7 +7,7 @@ NODES = "hybrid_sysid_ros.nodes"
 STRUCTURES = "hybrid_sysid_ros.structures"
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
-    "policy_training", "policy_certificate", "demo", "travel", "disturbances", "validity", "offsets", "mpc",
+    "demo", "travel", "disturbances", "validity", "offsets", "mpc",
 )  # fmt: skip
 
 NEIGHBOURS = {

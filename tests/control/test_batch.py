@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, scenarios
-from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.beam_problem import PROBLEM
@@ -25,7 +26,7 @@ def drawn(rig):
     for _ in range(4):
         wanted = 0.04 * np.sin(random.uniform(1.0, 9.0) * 0.02 * np.arange(40 + problem.horizon - 1))[:, None]
         begins = np.isin(np.arange(40), (0, 25))
-        scenario = scenarios.drawn(random, rig.system, problem, spread, wanted, begins)
+        scenario = drawn_scenarios.drawn(random, rig.system, problem, spread, wanted, begins)
         errors = random.normal(size=(40, 2)) * np.array([1e-4, 1e-3])
         found.append(scenario._replace(state_errors=errors, input_errors=0.3 * random.normal(size=(40, 1))))
     return found

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
-from hybrid_sysid_ros.control.scenarios import plant_near
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.accuracy.guarded_loop import guarded_loop
 from hybrid_sysid_ros.extensions.accuracy.loop_measures import loop_numbers, quantities
 from hybrid_sysid_ros.extensions.accuracy.node_loop import node_loop
 from hybrid_sysid_ros.extensions.accuracy.statistics import ShotQuantity, Shots
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import plant_near
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -92,7 +93,7 @@ class Range:
         """Of a shot."""
         random, stands_in = np.random.default_rng((self.seed, number)), self.predicted or self.doubted
         system = (self.stand_in or self.model.system) if stands_in else self.real
-        spread = configuration.spread_of(self.rig, system).sized(system)
+        spread = drawn_scenarios.spread_of(self.rig, system).sized(system)
         if self.doubted:
             system = drawn(self.model, random)
         if self.fleet:

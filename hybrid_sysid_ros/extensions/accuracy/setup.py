@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.scenarios import plant_near
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import plant_near
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_unknown, section
@@ -81,7 +81,7 @@ class Setup:
         rig.steps(1.0 / rate, f"{where}.rate {rate:g} Hz: its period")
         return cls(
             rig=rig,
-            reality=plant_near(rig.system, configuration.spread_of(rig).parameters, np.random.default_rng(seed)),
+            reality=plant_near(rig.system, drawn_scenarios.spread_of(rig).parameters, np.random.default_rng(seed)),
             plan=plan,
             learn=learn,
             part=Part.parse(str(given.get("part", "0:1"))),

@@ -20,6 +20,8 @@ from hybrid_sysid_ros.extensions.policies.counting import certify
 from hybrid_sysid_ros.extensions.policies.criteria import SETTLED, Criteria
 from hybrid_sysid_ros.extensions.policies.mixture import Mixture
 from hybrid_sysid_ros.extensions.policies.trial import Trial
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import by_state
 from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.models import load as load_model
@@ -27,7 +29,6 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.configuration import (
-    by_state,
     check_tolerances,
     controller_model,
     in_si,
@@ -63,7 +64,7 @@ def train_configured_policy(
     model = replace(model, system=controller_model(rig, model.system))
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
     settings = settings or Settings()
-    spread = configuration.spread_of(rig, model.system)
+    spread = drawn_scenarios.spread_of(rig, model.system)
     purpose = f"{model.seal} {problem} {spread} {replace(settings, workers=0, cluster='')}"
     store: Store[Any] | None = Store(samples, purpose) if samples is not None else None
     trained: Policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
@@ -128,7 +129,7 @@ def _mixture(rig: Rig, model: System, system: System) -> tuple[Mixture, System]:
     alike = names == [item.name for item in model.states]
     plant, words = (rig.system, f"the rig {rig.name}") if alike else (model, "the model")
     mixture = Mixture(
-        spread=configuration.spread_of(rig, system),
+        spread=drawn_scenarios.spread_of(rig, system),
         seconds=listed(section, "seconds", where, 1)[0],
         state_error=by_state(listed(section, "state_error", where, len(names)), rig, system),
         disturbance_error=listed(section, "disturbance_error", where, len(rig.system.inputs)),
@@ -145,7 +146,7 @@ def _criteria(rig: Rig, system: System, problem: ControlProblem) -> Criteria:
     if tracking in section:
         allowed = in_si(listed(section, tracking, where, outputs), rig)
     else:
-        allowed = tuple(TRACKING_SHARE * size for size in configuration.spread_of(rig, system).amplitude)
+        allowed = tuple(TRACKING_SHARE * size for size in drawn_scenarios.spread_of(rig, system).amplitude)
     for index, item in enumerate(rig.system.outputs):
         if problem.output_weights[index] > 0.0 and not allowed[index] > 0.0:
             raise UserError(f"{where}: {tracking} of {item.name} is {allowed[index]:g}; it needs more than 0")

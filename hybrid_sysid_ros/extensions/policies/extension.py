@@ -14,6 +14,10 @@ EXTENSION = Extension(
         ),
     },
     provides={
-        "policies": {"train": f"{HERE}.configured:train_configured_policy", "certify": f"{HERE}.configured:certified"}
+        "sections": {
+            "policy_training": "hybrid_sysid_ros.extensions.shared.drawn_scenarios:spread_of",
+            "policy_certificate": "",
+        },
+        "policies": {"train": f"{HERE}.configured:train_configured_policy", "certify": f"{HERE}.configured:certified"},
     },
 )

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread
+from hybrid_sysid_ros.control.scenarios import Scenario
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread
 from hybrid_sysid_ros.extensions.shared.reference_kinds import KINDS, references
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.support.arrays import Array, Numbers
@@ -66,7 +67,7 @@ class Mixture:
         longest = LENGTH * problem.horizon * problem.period
         start = random.uniform(0.0, max(longest - self.seconds, 0.0))
         wanted = target(start + problem.period * np.arange(1, periods + problem.horizon))
-        found = scenarios.drawn(
+        found = drawn_scenarios.drawn(
             random,
             model,
             problem,

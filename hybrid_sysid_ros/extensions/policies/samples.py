@@ -13,9 +13,11 @@ from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude
+from hybrid_sysid_ros.control.scenarios import Scenario
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.policies.network_loop import run_network
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread, magnitude
 from hybrid_sysid_ros.extensions.shared.reference_kinds import references
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -79,7 +81,7 @@ def scenario_of(system: System, problem: ControlProblem, spread: Spread, random:
     moved = size * (random.uniform(size=(periods, 1)) > UNMOVED)
     errors = random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
     often = 1.0 / magnitude(random, 1.0 / OFTENEST) if lively else 1.0
-    scenario = scenarios.drawn(random, system, problem, spread, wanted, begins, size=size, often=often)
+    scenario = drawn_scenarios.drawn(random, system, problem, spread, wanted, begins, size=size, often=often)
     jitter = moved * random.normal(size=scenario.inputs.shape) * np.array(spread.input_jitter)
     strange = random.uniform(size=(periods, 1)) < STRANGE
     wide = random.uniform(-1.0, 1.0, scenario.inputs.shape) * (np.array(problem.input_high) - problem.input_low)

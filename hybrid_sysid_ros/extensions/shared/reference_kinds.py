@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, magnitude
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread, magnitude
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, sine, swept_sine
 from hybrid_sysid_ros.support.arrays import Array
 

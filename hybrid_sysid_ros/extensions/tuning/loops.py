@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread, plant_near
 from hybrid_sysid_ros.extensions.shared.reference_kinds import KINDS, references
 from hybrid_sysid_ros.models import Model, Option, Options
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -95,7 +96,7 @@ class Loops:
     @cached_property
     def spread(self) -> Spread:
         """Sizes of references and offsets, and how far plants are from the rig, as in the training of policies."""
-        return configuration.spread_of(self.rig).sized(self.rig.system)
+        return drawn_scenarios.spread_of(self.rig).sized(self.rig.system)
 
     @cached_property
     def _shipped(self) -> dict[str, dict[str, Any]]:

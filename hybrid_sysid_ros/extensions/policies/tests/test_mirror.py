@@ -9,6 +9,7 @@ from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.extensions.policies.mirror import mirror_of
 from hybrid_sysid_ros.extensions.policies.tests.test_samples import CARTS_SPREAD
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
 from tests.linear_policies import CARTS
@@ -19,7 +20,7 @@ def sized(name):
     """A rig's system, its problem, and some of its states and inputs."""
     rig, random = rigs.load(name), np.random.default_rng(0)
     problem = configuration.mpc_problem(configuration.defaults(name, "controller"), rig).sized(rig.system)
-    states = random.normal(size=(16, len(rig.system.states))) * configuration.spread_of(rig, rig.system).push
+    states = random.normal(size=(16, len(rig.system.states))) * drawn_scenarios.spread_of(rig, rig.system).push
     return rig.system, problem, states, random.uniform(problem.input_low, problem.input_high, (16, 1))
 
 

@@ -9,12 +9,12 @@ from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor, Tolerances
-from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.extensions.policies.counting import certify
 from hybrid_sysid_ros.extensions.policies.criteria import Criteria
 from hybrid_sysid_ros.extensions.policies.mixture import Mixture
 from hybrid_sysid_ros.extensions.policies.tests.test_samples import CARTS_SPREAD
 from hybrid_sysid_ros.extensions.policies.trial import Trial
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.models import storage
 from tests.linear_policies import CARTS
 from tests.small_policies import SEAL, model_of

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, scenarios
-from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
 from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.policies.network_loop import run_network
 from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample, scenario_of, shifted
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread, plant_near
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
@@ -98,7 +99,7 @@ def test_loops_begin_on_the_reference_or_anywhere_and_at_rest_there():
     spread = dataclasses.replace(CARTS_SPREAD, push=(0.0,)).sized(case.system)
     wanted = 0.2 + np.random.default_rng(1).uniform(-0.3, 0.3, (400, 3))
     begins = np.arange(400) < 300
-    states = scenarios.beginnings(np.random.default_rng(0), case.system, case.problem, spread, wanted, begins)
+    states = drawn_scenarios.beginnings(np.random.default_rng(0), case.system, case.problem, spread, wanted, begins)
     assert not states[300:].any()
     states, wanted = states[:300], wanted[:300]
     np.testing.assert_allclose(states[:, 2:], 0.0, atol=1e-9)
@@ -115,7 +116,7 @@ def test_a_loop_of_a_rig_with_dry_friction_begins_as_it_turns():
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
     spread = Spread(amplitude=(8.0, 0.0), disturbance=(0.0,), push=(0.0,)).sized(system)
     wanted = np.column_stack([np.linspace(4.0, 8.0, 50), np.zeros(50)])  # the plan's rounding takes .8 % at 4
-    states = scenarios.beginnings(
+    states = drawn_scenarios.beginnings(
         np.random.default_rng(0), system, problem, spread, wanted, np.full(50, True), apart=0.0
     )
     twist, bit, top = states[:, :3].T
@@ -131,11 +132,11 @@ def test_a_push_moves_what_the_tracked_outputs_don_t_show():
     """
     rig = rigs.load("winged_cone")
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig).sized(rig.system)
-    spread, validity = configuration.spread_of(rig, rig.system).sized(rig.system), rig.validity
+    spread, validity = drawn_scenarios.spread_of(rig, rig.system).sized(rig.system), rig.validity
     assert validity is not None
     wanted = np.zeros((40, 5))
     wanted[:, 0], wanted[:, 2] = np.linspace(-40.0, 40.0, 40), np.linspace(700.0, -700.0, 40)
-    states = scenarios.beginnings(
+    states = drawn_scenarios.beginnings(
         np.random.default_rng(0), rig.system, problem, spread, wanted, np.full(40, True), apart=0.0
     )
     np.testing.assert_allclose(states[:, [0, 2]], wanted[:, [0, 2]], atol=1e-6)

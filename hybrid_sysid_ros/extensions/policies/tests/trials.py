@@ -4,11 +4,11 @@ import dataclasses
 import math
 
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
-from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.extensions.policies.configured import trial_of as configured_trial
 from hybrid_sysid_ros.extensions.policies.criteria import Criteria
 from hybrid_sysid_ros.extensions.policies.mixture import Mixture
 from hybrid_sysid_ros.extensions.policies.trial import Trial
+from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.runtime import configuration
 from tests.linear_policies import BEAM, CARTS
 from tests.straight_beam import straight
