@@ -9,6 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
+from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.extensions.export.board.driving import BoardController
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.nodes.cdr import JointWriter
@@ -20,6 +21,9 @@ from hybrid_sysid_ros.nodes.subscriptions import Listener
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.nodes.validation import StampOrder
 from hybrid_sysid_ros.rigs.rig import Rig
+
+UNDOUBTED = (0.0, 0.0, float(NONE))
+"""What estimates say of their validity: a board does not tell what it doubts."""
 
 
 class BoardEstimates:
@@ -61,7 +65,7 @@ class BoardEstimates:
         if self._further:
             further = np.asarray(self._system.output(list(found.state), list(applied)))[self._further].tolist()
         now, ahead, offsets = found.state.tolist(), found.ahead.tolist(), found.disturbance.tolist()
-        estimate = [*now, *further, *offsets, *ahead, *offsets, *applied.tolist(), 0.0, 0.0]
+        estimate = [*now, *further, *offsets, *ahead, *offsets, *applied.tolist(), *UNDOUBTED]
         message = self._writer.pack(joints.stamp, estimate)
         self._estimates.publish(message)
         unpacked = self._node.entry.unpack(message)

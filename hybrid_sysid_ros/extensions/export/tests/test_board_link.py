@@ -4,6 +4,7 @@ import os
 import pty
 import struct
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,13 @@ from hybrid_sysid_ros.extensions.export.board.driving import BoardController
 from hybrid_sysid_ros.extensions.export.board.folder import PROTOCOL
 from hybrid_sysid_ros.extensions.export.board.frames import FrameReceiver, encode
 from hybrid_sysid_ros.extensions.export.board.link import BoardLink
+from hybrid_sysid_ros.extensions.export.nodes.board_estimates import BoardEstimates
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.nodes.messages import JointStates
+from hybrid_sysid_ros.nodes.signal_layout import VALIDITY, SignalPlace, Slots
+from hybrid_sysid_ros.nodes.validation import StampOrder
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime.configuration import controller_model, defaults, mpc_problem
+from hybrid_sysid_ros.runtime.configuration import controller_model, defaults, mpc_problem, shipped
 from hybrid_sysid_ros.support.errors import UserError
 
 STATE, INPUT = [0.1, -0.2], 1.5
@@ -115,6 +121,29 @@ def test_a_board_that_started_anew_is_asked_who_it_is(problem):
         assert not driver.link.silent
     assert asked(driver)[0].known
     assert board.resets == before + 1
+
+
+def test_a_board_s_estimate_says_all_that_a_controller_reads_of_its_validity(problem):
+    published = []
+    entry = SimpleNamespace(
+        read=lambda joints, slots, optional: [0.0, INPUT],
+        admit=lambda joints: StampOrder.NEW,
+        unpack=lambda message: None,
+    )
+    node = SimpleNamespace(
+        signature="",
+        validator=lambda topic: entry,
+        open=lambda topic: SimpleNamespace(publish=published.append),
+        listen=lambda *given: None,
+        entry=entry,
+    )
+    rig = load_rig("cam_beam")
+    estimates = BoardEstimates(controller(PretendedBoard(), problem), rig, load_model(shipped("cam_beam", "model")))
+    estimates.listen(node)
+    estimates.on_measurement(JointStates("", 1, [], ()))
+    said = Slots([SignalPlace(name, "position") for name in VALIDITY])
+    assert said.read(estimates._slots.names, estimates._writer._lists) == [0.0, 0.0, -1.0]
+    assert len(published) == 1
 
 
 @pytest.mark.parametrize(
