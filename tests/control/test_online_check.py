@@ -60,7 +60,7 @@ class Calls(list[tuple[object, ...]]):
 
     def feedback(self):
         horizon = SimpleNamespace(disturbance=None, progress=[SimpleNamespace(foreseen=3)])
-        return shooting.feedback(None, horizon, None, SimpleNamespace(disturbance=None))
+        return shooting.iterate(None, horizon, None, SimpleNamespace(disturbance=None), shooting.FEEDBACK)
 
 
 @pytest.mark.parametrize("cost", [50.0, 100.0 * (1.0 + sequential.DOUBT)])

@@ -143,22 +143,27 @@ def linearise_program(prediction: PredictionModel, horizon: Horizon, program: Pr
 
 
 @inner
-def feedback(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> SolverResult:
-    """The feedback phase: the step from the prepared program, whose matrices are factorised.
+def iterate(
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, way: int
+) -> SolverResult:
+    """A real-time step: the feedback phase, which is the step from the prepared program, whose matrices are factorised,
+    or by the way IMPROVE one around the state itself.
 
-    Where the plan costs more than predicted, the state differs from the prepared one, and the step is made around the
-    state itself. A result with 0 iterations means that the program has no solution; the trajectory then stays.
+    Where the plan of a feedback phase costs more than predicted, the state differs from the prepared one, and the step
+    is made around the state itself, too. A result with 0 iterations means that the program has no solution; the
+    trajectory then stays.
     """
-    evaluate_program(horizon, program, instance, True)
-    if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
-        return SolverResult(False, 0, np.inf)
-    quadratic.keep_working_set(program)
-    expected, found = make_step(prediction, horizon, program, instance)
-    if foreseen(horizon, expected, found):
-        assign(horizon.disturbance, instance.disturbance)
-        return SolverResult(False, 1, np.inf)
-    apply_step(horizon, -1.0)
-    return improve(prediction, horizon, program, instance, False)
+    if way == FEEDBACK:
+        evaluate_program(horizon, program, instance, True)
+        if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
+            return SolverResult(False, 0, np.inf)
+        quadratic.keep_working_set(program)
+        expected, found = make_step(prediction, horizon, program, instance)
+        if foreseen(horizon, expected, found):
+            assign(horizon.disturbance, instance.disturbance)
+            return SolverResult(False, 1, np.inf)
+        apply_step(horizon, -1.0)
+    return improve(prediction, horizon, program, instance, way == IMPROVE)
 
 
 # ---------------------------------------------------------------------- a call of the controller
@@ -182,12 +187,10 @@ def answer(
     """
     if anew and not _begin(prediction, horizon, instance, cold):
         return SolverResult(False, 0, np.inf)
-    if way == FEEDBACK:
-        found = feedback(prediction, horizon, program, instance)
-    elif way == IMPROVE:
-        found = improve(prediction, horizon, program, instance, True)
-    else:
+    if way == CONVERGE:
         found = solve(prediction, horizon, program, instance, iterations, tolerance, anew, cold)
+    else:
+        found = iterate(prediction, horizon, program, instance, way)
     sound = found.iterations > 0
     for i in range(horizon.inputs.shape[0]):
         sound = sound and _finite(horizon.inputs[i]) and _finite(horizon.states[i + 1])
