@@ -70,7 +70,9 @@ class Fisher:
 
         M = sum_k S_k' R^-1 S_k,   S_k = d y_k / d theta,
 
-    with R the noise of outputs: Goodwin & Payne (1977), Dynamic System Identification, chapter 6.
+    with R the noise of outputs: Goodwin & Payne (1977), Dynamic System Identification, chapter 6. Where a fit has more
+    to find, or less to know than the noise, as the beginning of a record or a constant error that it takes for motion,
+    M is the inverse of the covariance of what it finds.
     """
 
     sensitivities: Sensitivities
@@ -86,6 +88,8 @@ class Fisher:
     """Deviations of a constant error of each output in a record, such as a hum that the samples alias, (outputs,)."""
     columns: Sequence[int] = ()
     """Those of the sensitivities that are numbers of the model; by default all."""
+    begins: Array | None = None
+    """Deviations within which a fit knows the states at the beginning of a record, (states,); None: it knows them."""
 
     @classmethod
     def of(cls, model: Model, rig: Rig, sizes: Array) -> Fisher:
@@ -96,7 +100,8 @@ class Fisher:
         known = np.sqrt(np.clip(np.diag(model.covariance)[: len(free)], 0.0, None))
         most = LONGEST * sizes[: len(free)]
         return cls(
-            sensitivities=Sensitivities(model.system, parameters=free, states=[]),
+            sensitivities=Sensitivities(model.system, parameters=free),
+            begins=begins_of(rig, model.sampling.period),
             sampling=model.sampling,
             sizes=sizes,
             weight=1.0 / noise_of(model, rig) ** 2,
@@ -110,14 +115,24 @@ class Fisher:
         free). inputs (steps, inputs).
         """
         tangents = self.tangents(system, inputs, first)
-        scaled = tangents[:, :, list(self.columns) or slice(None)] * np.sqrt(self.weight)[:, None] * self.sizes
+        states = 0 if self.begins is None else len(self.begins)
+        chosen = [
+            *(self.columns or range(tangents.shape[2] - states)),
+            *range(tangents.shape[2] - states, tangents.shape[2]),
+        ]
+        sizes = self.sizes if self.begins is None else np.concatenate([self.sizes, self.begins])
+        scaled = tangents[:, :, chosen] * np.sqrt(self.weight)[:, None] * sizes
         rows = scaled.reshape(-1, scaled.shape[2])
         whole = np.asarray(rows.T @ rows)
-        if self.offsets is not None:  # R = I + h h' by Sherman & Morrison
-            squares = np.square(self.offsets) * self.weight
-            sums = scaled.sum(axis=0) * np.sqrt(squares / (1.0 + len(scaled) * squares))[:, None]
-            whole -= sums.T @ sums
-        return whole
+        count = whole.shape[0] - states
+        if self.offsets is None and not states:
+            return whole
+        prior = np.concatenate([np.full(count, LEAST_KNOWN**-2), np.ones(states)])
+        covariance = np.linalg.inv(whole + np.diag(prior))
+        if self.offsets is not None:  # a fit takes it for motion: its error is that of least squares
+            moved = covariance @ (scaled.sum(axis=0) * (self.offsets * np.sqrt(self.weight))[:, None]).T
+            covariance = covariance + moved @ moved.T
+        return np.asarray(np.linalg.inv(covariance[:count, :count]))
 
     def tangents(self, system: System, inputs: Array, first: Array | None = None) -> Array:
         """Derivatives of the outputs by the numbers, (samples, outputs, free); 0 where a run diverges."""
@@ -159,6 +174,21 @@ def aliased(rig: Rig, period: float) -> Array:
         for scale, hum in hums
     ]
     return np.array(found)
+
+
+def begins_of(rig: Rig, period: float) -> Array:
+    """Deviations of the states at the beginning of a record: what a sensor shows within its noise, its rate within that
+    of a difference, and others within their size.
+    """
+    found = np.ones(len(rig.system.states))
+    places = {item.name: i for i, item in enumerate(rig.system.states)}
+    noise = np.array([abs(sensor.scale) * sensor.floor for sensor in rig.sensors])
+    for item, size in zip(rig.system.outputs, noise.tolist(), strict=True):
+        if item.name in places:
+            found[places[item.name]] = size
+            if (rate := rig.system.kinematics.get(places[item.name])) is not None:
+                found[rate] = size / period
+    return found
 
 
 def cornered(system: System) -> bool:
