@@ -177,6 +177,15 @@ class Estimator(ABC):
             return self._take(time, since, 0, self._outputs)
         return self._update_oddly(time, elapsed)
 
+    def update_ungated(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
+        """The same without the gate: no innovation is too large, so that all of them are linear in what acts."""
+        core = self._memory.core[0]
+        core["gate"] = math.inf
+        try:
+            return self.update(time, outputs, applied)
+        finally:
+            core["gate"] = self.tuning.gate
+
     def _update_oddly(self, time: float, elapsed: float) -> StateEstimate:
         """Update with the first measurement, one after a gap, or one that is late."""
         valid = np.isfinite(self._outputs)

@@ -17,9 +17,11 @@ from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
 from hybrid_sysid_ros.estimation.reversed_input import (
     NONE,
     ReversalTrial,
+    acts_reversed,
+    begin_trial,
     believe_other,
     may_compete,
-    outweighs,
+    signed_roots,
     turn_input,
 )
 from hybrid_sysid_ros.estimation.sensor_monitor import (
@@ -274,23 +276,23 @@ class MonitoredEstimator:
     def _compete(self, time: float, acting: Array, elapsed: float) -> StateEstimate | None:
         """Update both rivals; the estimate of the one with the other sign where that is believed."""
         reversal, judge, (one, other) = self.reversal, self.judge, self.rivals
-        if math.isnan(reversal.ratio):
+        if math.isnan(reversal.product):
             for rival in self.rivals:
                 rival.reset()
-            renew(judge.sensors)
-            reversal.ratio = reversal.sound = reversal.sure = 0.0
-        same = one.update(time, self.shown, acting).normalised.tolist()
+            begin_trial(reversal, judge.sensors)
         turned = acting.copy()
         turn_input(turned, reversal.tried)  # type: ignore[arg-type]
-        estimate = other.update(time, self.shown, turned)
-        shown, normalised = self.shown.tolist(), estimate.normalised.tolist()
-        if not outweighs(reversal, judge.record, judge.sensors, shown, same, normalised, elapsed):
+        estimates = one.update_ungated(time, self.shown, acting), other.update_ungated(time, self.shown, turned)
+        pair = [estimate.normalised.tolist() for estimate in estimates]
+        for estimate, squares in zip(estimates, pair, strict=True):
+            signed_roots(estimate.innovation.tolist(), squares)
+        if not acts_reversed(reversal, judge.record, judge.sensors, self.shown.tolist(), *pair, elapsed):
             return None
         other.counters, self.filter.counters = self.filter.counters, other.counters
         self.filter, self.rivals[1] = other, self.filter
         believe_other(reversal, self.monitor.sensors)
         self.watch.doubted, self.tried.agreed = 0.0, math.nan
-        return estimate
+        return estimates[1]
 
     def expected(self, estimate: StateEstimate, applied: Array) -> Array:
         """Expected readings of the sensors (p,) under inputs (m,)."""

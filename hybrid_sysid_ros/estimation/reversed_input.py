@@ -1,13 +1,14 @@
-"""Reversed input: which one acts with the other sign, by two estimates that compete. The kernels are printed as C.
+"""Reversed input: which one acts with the other sign, by two estimates that differ in it. The kernels are printed as C.
 
-Both estimates begin anew with the same measurement, so that what is wrong for both does not count, and differ in the
-sign of one input alone. The logarithm of their likelihood ratio is a sum over the innovations e with variance V,
+Both begin anew with the same measurement and differ in the sign of one input. Innovations of a filter are linear in
+what acts. So those of an input with any gain g lie on a line through both: with e of the sign that the loop sends, e'
+of the other one, all in their deviations,
 
-    L+ = max(L + sum (min(e^2 / V, MOST) - min(e'^2 / V', MOST)) / 2, 0)
+    e(g) = a + g b,   a = (e + e') / 2,   b = (e - e') / 2,   g = -sum a b / sum b^2 with deviation 1 / sqrt(sum b^2)
 
-where those of the other sign have a prime, and begins anew where the sensors contradict that one: where both are wrong,
-chance decides. log V'/V is left out, since the input hardly moves a variance. Sources: Wald (1945), Sequential tests of
-statistical hypotheses, Annals of Mathematical Statistics 16(2); Page (1954), Biometrika 41.
+by least squares, in sums that forget. The logarithm of the likelihood ratio of this g and of no effect at all is
+L = g^2 sum b^2 / 2. An offset of the input shows nothing: both estimates learn it. Sources: Willsky, Jones (1976), A
+generalized likelihood ratio approach, IEEE TAC 21(1); Wald (1945), Annals of Mathematical Statistics 16(2).
 """
 
 from __future__ import annotations
@@ -17,8 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.estimation.sensor_monitor import (
-    AGREED,
-    AVERAGE,
     MonitoredSensor,
     MonitorRecord,
     is_any_left_out,
@@ -32,10 +31,16 @@ from hybrid_sysid_ros.support.arrays import Floats
 NONE = -1
 """The index of no input."""
 RATIO = 30.0
-"""L from which on the other sign is believed. Wald's threshold for a share alpha of errors is log 1/alpha, 14 for 1e-6;
-innovations of a real rig are neither white nor normal, and the filters are asked every period."""
-MOST = 50.0
-"""Normalised square beyond which an innovation counts no more: one wild reading must not be enough."""
+"""L from which on a gain below zero is believed. Wald's threshold for a share alpha of errors is log 1/alpha, 14 for
+1e-6; innovations of a real rig are neither white nor normal, and the filters are asked every period."""
+MEMORY = 0.3
+"""Time constant [s] of the sums: a gain that has changed must be known anew before much has moved."""
+STRONGEST = -3.0
+"""The gain farthest below zero: a larger one is that of an input that hardly moved."""
+SURE = 0.04
+"""Time [s] for which L must have been beyond RATIO: one wild reading must not be enough, nor two."""
+CONSISTENT = 0.1
+"""Time [s] for which e(g) must have agreed with all sensors: a mean square needs that long to contradict."""
 QUIET = 0.2
 """Time [s] without evidence against the loop's estimate after which the other two are given up. They do not begin anew
 before: with many beginnings one of them wins by chance."""
@@ -43,18 +48,25 @@ before: with many beginnings one of them wins by chance."""
 
 @dataclass(slots=True)
 class ReversalTrial:
-    """Two estimates that compete. tried: the input whose sign they differ in. reversed: the one that acts with the
-    other sign, NONE: none does. ratio: L, NaN where they must begin. sound: for how long the one with the other sign
-    has agreed with all sensors [s]. sure: for how long L has been beyond RATIO [s], which must be AVERAGE, since a mean
-    square needs that long to contradict. quiet: since there was evidence against the loop's estimate [s].
+    """Two estimates that differ. tried: the input whose sign they differ in. reversed: the one that acts with the other
+    sign, NONE: none does. product, power: the sums of a b and b^2; product is NaN where they must begin. sound: for how
+    long e(g) has agreed with all sensors [s]. sure: for how long L has been beyond RATIO [s]. quiet: since there was
+    evidence against the loop's estimate [s].
     """
 
     tried: int = NONE
     reversed: int = NONE
-    ratio: float = math.nan
+    product: float = math.nan
+    power: float = 0.0
     sound: float = 0.0
     sure: float = 0.0
     quiet: float = 0.0
+
+
+def begin_trial(trial: ReversalTrial, sensors: Sequence[MonitoredSensor]) -> None:
+    """Begin with estimates that begin anew; sensors: as those have them."""
+    renew(sensors)
+    trial.product = trial.power = trial.sound = trial.sure = 0.0
 
 
 def turn_input(inputs: Floats, which: int) -> None:
@@ -74,10 +86,10 @@ def may_compete(
     doubted, any_shown = is_contradicted(sensors) or is_any_left_out(sensors), False
     trial.quiet = 0.0 if doubted else trial.quiet + elapsed
     if trial.quiet > QUIET:
-        trial.ratio = math.nan
+        trial.product = math.nan
     for k in range(len(sensors)):
         any_shown = any_shown or math.isfinite(shown[k])
-    if not math.isnan(trial.ratio):
+    if not math.isnan(trial.product):
         return True
     if not doubted or not any_shown:
         return False
@@ -90,30 +102,43 @@ def may_compete(
     return True
 
 
-def outweighs(
-    trial: ReversalTrial, monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], shown: Floats, same: Floats,
+def signed_roots(innovations: Floats, squares: Floats) -> None:
+    """Make of normalised squares (p,), in place, innovations in their deviations."""
+    for k in range(len(squares)):
+        squares[k] = math.copysign(math.sqrt(squares[k]), innovations[k])
+
+
+def acts_reversed(
+    trial: ReversalTrial, monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], shown: Floats, own: Floats,
     other: Floats, elapsed: float,
 ) -> bool:  # fmt: skip
-    """Weigh an update of both; whether the other sign is believed: it must agree with all sensors (p,), too.
+    """Weigh an update of both; whether the other sign is believed: e(g) must agree with all sensors (p,), too.
 
-    same, other (p,): the normalised squares of the innovations. sensors: as the estimate with the other sign has them.
+    own, other (p,): e and e'; own becomes the squares of e(g). sensors: as they are judged by e(g).
     """
-    gain = 0.0
+    kept = max(1.0 - elapsed / MEMORY, 0.0)
+    trial.product, trial.power = kept * trial.product, kept * trial.power
     for k in range(len(sensors)):
-        if math.isfinite(same[k]) and math.isfinite(other[k]):
-            gain += 0.5 * (min(same[k], MOST) - min(other[k], MOST))
-    judge_sensors(monitor, sensors, shown, other, shown, elapsed)  # none of them is ever left out
-    contradicted = is_contradicted(sensors)
-    trial.ratio = 0.0 if contradicted else max(trial.ratio + gain, 0.0)
-    trial.sound = 0.0 if contradicted else trial.sound + elapsed
-    trial.sure = trial.sure + elapsed if trial.ratio > RATIO else 0.0
-    return trial.sound > AGREED and trial.sure > AVERAGE
+        a, b = 0.5 * (own[k] + other[k]), 0.5 * (own[k] - other[k])
+        if math.isfinite(a) and math.isfinite(b):
+            trial.product += a * b
+            trial.power += b * b
+    found = -trial.product / trial.power if trial.power > 0.0 else 0.0
+    gain = min(max(found, STRONGEST), 0.0)
+    for k in range(len(sensors)):
+        e = 0.5 * (own[k] + other[k]) + gain * 0.5 * (own[k] - other[k])
+        own[k] = e * e
+    judge_sensors(monitor, sensors, shown, own, shown, elapsed)  # none of them is ever left out
+    is_sure = found > STRONGEST and 0.5 * gain * gain * trial.power > RATIO
+    trial.sure = trial.sure + elapsed if is_sure else 0.0
+    trial.sound = 0.0 if is_contradicted(sensors) else trial.sound + elapsed
+    return trial.sound > CONSISTENT and trial.sure > SURE
 
 
 def believe_other(trial: ReversalTrial, sensors: Sequence[MonitoredSensor]) -> None:
     """Take the other sign for the input's own, and all sensors of the loop's estimate back, which it explains."""
     trial.reversed = trial.tried if trial.reversed == NONE else NONE
-    trial.ratio = math.nan
+    trial.product = math.nan
     readmit(sensors)
     renew(sensors)
     for k in range(len(sensors)):

@@ -10,8 +10,17 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
-from hybrid_sysid_ros.estimation.reversed_input import MOST, NONE, RATIO, ReversalTrial, may_compete, outweighs
-from hybrid_sysid_ros.estimation.sensor_monitor import AVERAGE, SensorMonitor
+from hybrid_sysid_ros.estimation.reversed_input import (
+    CONSISTENT,
+    MEMORY,
+    NONE,
+    RATIO,
+    SURE,
+    ReversalTrial,
+    acts_reversed,
+    may_compete,
+)
+from hybrid_sysid_ros.estimation.sensor_monitor import SensorMonitor
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
 PERIOD, NOISE, PUSH = 0.01, 0.001, 2.0
@@ -79,41 +88,50 @@ def test_an_input_that_may_not_be_reversed_is_not_tried():
     assert (driven(found, signs=[1.0] * 200 + [-1.0] * 200)[0] == NONE).all()
 
 
-def test_the_ratio_is_that_of_two_normal_densities():
-    """log N(e'; 0, V) / N(e; 0, V) = (e^2 - e'^2) / 2 V, added up, and never below zero."""
+@pytest.mark.parametrize("gain", [-0.5, -2.0])
+def test_an_input_of_another_gain_and_the_other_sign_is_known_as_well(gain):
+    assert (driven(estimator(), signs=[1.0] * 200 + [gain] * 100)[0][240:] == 0).all()
+
+
+def test_an_input_that_turns_to_and_fro_is_known_by_its_sign_in_between():
+    known, _ = driven(estimator(), signs=([1.0] * 100 + [-1.0] * 100) * 3)
+    assert [int(known[k]) for k in range(99, 600, 100)] == [NONE, 0] * 3
+
+
+def test_the_gain_is_that_of_least_squares_with_forgetting_and_sure_below_zero():
+    """numpy's least squares of a + g b, weighted by what is still remembered; L = (sum a^2 - min sum (a + g b)^2) / 2."""
     monitor = SensorMonitor([False], [1.0], largest=[3.0], least=[0.0], leave_after=0.1, timeout=1.0)
-    trial, random, expected = ReversalTrial(tried=0, ratio=0.0), np.random.default_rng(1), 0.0
-
-    def weigh(one, other):
-        given = [0.0], [one], [other], PERIOD
-        return outweighs(trial, monitor.record, monitor.sensors, *given)
-
-    for one, other in random.normal(size=(50, 2)) * [3.0, 0.8]:
-        weigh(one**2, other**2)
-        expected = max(expected + 0.5 * (min(one**2, MOST) - other**2), 0.0)
-        assert trial.ratio == pytest.approx(expected)
-    assert expected > RATIO
-    trial.ratio, trial.sound = 0.0, 1.0
-    needed = math.ceil(RATIO / (0.5 * (MOST - 1.0)) + 1e-9)
-    lasting = [weigh(1e6, 1.0) for _ in range(30)].index(True) - (needed - 1)
-    assert lasting * PERIOD == pytest.approx(AVERAGE, abs=PERIOD), "one wild reading is not enough, nor a few"
-    assert not weigh(1e6, 1e6)
-    assert trial.ratio == 0.0, "where both are wrong, chance decides"
+    trial, random, count, found = ReversalTrial(tried=0, product=0.0), np.random.default_rng(1), 40, []
+    b = random.normal(size=count) * 3.0
+    a = 0.7 * b + 0.5 * random.normal(size=count)
+    for x, y in zip(a, b, strict=True):
+        given = [0.0], [x + y], [x - y], PERIOD
+        found.append(acts_reversed(trial, monitor.record, monitor.sensors, *given))
+    root = np.sqrt((1.0 - PERIOD / MEMORY) ** np.arange(count)[::-1])
+    (expected,), (least,), *_ = np.linalg.lstsq((root * b)[:, None], -root * a)
+    assert -trial.product / trial.power == pytest.approx(expected) == pytest.approx(-0.7, abs=0.1)
+    ratio = 0.5 * trial.product**2 / trial.power
+    assert ratio == pytest.approx(0.5 * (np.sum((root * a) ** 2) - least))
+    assert ratio > RATIO
+    assert found.index(True) * PERIOD == pytest.approx(max(CONSISTENT, SURE), abs=6 * PERIOD)
+    for _ in range(round(SURE / PERIOD) + 1):
+        wild = acts_reversed(trial, monitor.record, monitor.sensors, [0.0], [1e3], [1e3], PERIOD)
+    assert not wild, "where no gain explains a sensor, none is believed"
 
 
 def test_inputs_are_tried_one_after_the_other_and_one_that_is_reversed_for_its_own_sign():
     monitor = SensorMonitor([False], [1.0], largest=[9.0], least=[0.0], leave_after=0.1, timeout=1.0)
     monitor.sensors[0].large, trial, tried = 2.0, ReversalTrial(), []
     for _ in range(3):
-        trial.ratio = math.nan
+        trial.product = math.nan
         assert may_compete(trial, monitor.sensors, [0.0], [1.0, 0.0, 1.0], PERIOD)
         tried.append(trial.tried)
     assert tried == [0, 2, 0]
-    trial.ratio, trial.reversed = math.nan, 2
+    trial.product, trial.reversed = math.nan, 2
     assert may_compete(trial, monitor.sensors, [0.0], [1.0, 0.0, 1.0], PERIOD)
     assert trial.tried == 2
     monitor.sensors[0].large = 0.0
     lasting = [may_compete(trial, monitor.sensors, [0.0], [1.0, 0.0, 1.0], PERIOD) for _ in range(30)]
-    trial.ratio = 0.0
+    trial.product = 0.0
     assert not may_compete(trial, monitor.sensors, [0.0], [1.0, 0.0, 1.0], PERIOD)
     assert not lasting[-1]

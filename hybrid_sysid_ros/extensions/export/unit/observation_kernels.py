@@ -19,7 +19,15 @@ from hybrid_sysid_ros.estimation.monitored_estimator import (
     time_to_judge,
     watch_estimate,
 )
-from hybrid_sysid_ros.estimation.reversed_input import NONE, believe_other, may_compete, outweighs, turn_input
+from hybrid_sysid_ros.estimation.reversed_input import (
+    NONE,
+    acts_reversed,
+    begin_trial,
+    believe_other,
+    may_compete,
+    signed_roots,
+    turn_input,
+)
 from hybrid_sysid_ros.estimation.sensor_monitor import (
     doubt_of,
     is_any_left_out,
@@ -146,20 +154,20 @@ def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
     """Update the two that compete, as :meth:`.monitored_estimator.MonitoredEstimator._compete`."""
     core, out, monitor, resets = loop.memory[0][0], loop.out, loop.monitor, loop.progress[0].resets
     trial, first = monitor.reversal[0], 2 * core.states + core.inputs + core.followed + core.outputs + 1
-    before, same, anew = np.zeros(len(out)), np.zeros(core.outputs), math.isnan(trial.ratio)
+    before, own, anew = np.zeros(len(out)), np.zeros(core.outputs), math.isnan(trial.product)
     copy(out, before)
     if anew:
-        renew(monitor.judge)
-        trial.ratio = trial.sound = trial.sure = 0.0
+        begin_trial(trial, monitor.judge)
     exchange(loop, SAME)
     _update_rival(loop, time, anew)
-    copy(out[first : first + core.outputs], same)
+    copy(out[first : first + core.outputs], own)
     exchange(loop, SAME)
     exchange(loop, OTHER)
     turn_input(loop.applied, trial.tried)
     _update_rival(loop, time, anew)
-    normalised = out[first : first + core.outputs]
-    if outweighs(trial, monitor.core[0], monitor.judge, monitor.shown, same, normalised, elapsed):
+    if acts_reversed(
+        trial, monitor.core[0], monitor.judge, monitor.shown, own, out[first : first + core.outputs], elapsed
+    ):
         believe_other(trial, monitor.sensors)
         monitor.watch[0].doubted = 0.0
         if len(monitor.trial) > 0:
@@ -173,10 +181,16 @@ def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
 
 
 def _update_rival(loop: PrintedLoop, time: float, anew: bool) -> None:
+    """Update one of the two without a gate, and give its innovations in their deviations for their squares."""
+    core, out = loop.memory[0][0], loop.out
+    p, gate, first = core.outputs, core.gate, 2 * core.states + core.inputs + core.followed
     if anew:
         forget_estimate(loop)
     copy(loop.monitor.shown, loop.outputs)
+    core.gate = math.inf
     estimate(loop, time)
+    core.gate = gate
+    signed_roots(out[first : first + p], out[first + p + 1 : first + 2 * p + 1])
 
 
 def _times_left_out(loop: PrintedLoop) -> int:
