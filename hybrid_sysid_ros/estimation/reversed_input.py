@@ -41,16 +41,17 @@ SURE = 0.04
 """Time [s] for which L must have been beyond RATIO: one wild reading must not be enough, nor two."""
 CONSISTENT = 0.1
 """Time [s] for which e(g) must have agreed with all sensors: a mean square needs that long to contradict."""
+WRONG = 0.3
+"""Time [s] for which e(g) may contradict a sensor: then the gain has changed in between, and both begin anew."""
 QUIET = 0.2
-"""Time [s] without evidence against the loop's estimate after which the other two are given up. They do not begin anew
-before: with many beginnings one of them wins by chance."""
+"""Time [s] without evidence against the loop's estimate after which the other two are given up."""
 
 
 @dataclass(slots=True)
 class ReversalTrial:
     """Two estimates that differ. tried: the input whose sign they differ in. reversed: the one that acts with the other
     sign, NONE: none does. product, power: the sums of a b and b^2; product is NaN where they must begin. sound: for how
-    long e(g) has agreed with all sensors [s]. sure: for how long L has been beyond RATIO [s]. quiet: since there was
+    long e(g) has agreed with all sensors, below zero: contradicted one [s]. sure: for how long L has been beyond RATIO [s]. quiet: since there was
     evidence against the loop's estimate [s].
     """
 
@@ -131,7 +132,12 @@ def acts_reversed(
     judge_sensors(monitor, sensors, shown, own, shown, elapsed)  # none of them is ever left out
     is_sure = found > STRONGEST and 0.5 * gain * gain * trial.power > RATIO
     trial.sure = trial.sure + elapsed if is_sure else 0.0
-    trial.sound = 0.0 if is_contradicted(sensors) else trial.sound + elapsed
+    if is_contradicted(sensors):
+        trial.sound = min(trial.sound, 0.0) - elapsed
+        if trial.sound < -WRONG:
+            trial.product = math.nan
+    else:
+        trial.sound = max(trial.sound, 0.0) + elapsed
     return trial.sound > CONSISTENT and trial.sure > SURE
 
 
