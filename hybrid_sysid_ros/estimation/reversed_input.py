@@ -39,8 +39,10 @@ STRONGEST = -3.0
 """The gain farthest below zero: a larger one is that of an input that hardly moved."""
 SURE = 0.04
 """Time [s] for which L must have been beyond RATIO: one wild reading must not be enough, nor two."""
-CONSISTENT = 0.1
-"""Time [s] for which e(g) must have agreed with all sensors: a mean square needs that long to contradict."""
+CONSISTENT = 0.2
+"""Time [s] for which e(g) must have agreed with all sensors before the other sign is believed: an offset that grows
+looks like a gain below zero for less. For an input's own sign half of it is enough, which a mean square needs to
+contradict: that one is likelier, and a wrong one loses the rig."""
 WRONG = 0.3
 """Time [s] for which e(g) may contradict a sensor: then the gain has changed in between, and both begin anew."""
 QUIET = 0.2
@@ -138,7 +140,7 @@ def acts_reversed(
             trial.product = math.nan
     else:
         trial.sound = max(trial.sound, 0.0) + elapsed
-    return trial.sound > CONSISTENT and trial.sure > SURE
+    return trial.sound > (CONSISTENT if trial.reversed == NONE else 0.5 * CONSISTENT) and trial.sure > SURE
 
 
 def believe_other(trial: ReversalTrial, sensors: Sequence[MonitoredSensor]) -> None:
