@@ -53,8 +53,8 @@ QUIET = 0.2
 class ReversalTrial:
     """Two estimates that differ. tried: the input whose sign they differ in. reversed: the one that acts with the other
     sign, NONE: none does. product, power: the sums of a b and b^2; product is NaN where they must begin. sound: for how
-    long e(g) has agreed with all sensors, below zero: contradicted one [s]. sure: for how long L has been beyond RATIO [s]. quiet: since there was
-    evidence against the loop's estimate [s].
+    long e(g) has agreed with all sensors, below zero: contradicted one [s]. sure: for how long L has been beyond RATIO
+    [s]. quiet: since there was evidence against the loop's estimate [s].
     """
 
     tried: int = NONE
