@@ -295,8 +295,6 @@ def _of_actuator(k: int, stuck: float, span: float) -> dict[str, Callable[[], Ac
         "has a quarter of its gain": _one(k, lambda m, u: 0.25 * u),
         "has three times its gain": _one(k, lambda m, u: 3.0 * u),
         "follows by a lag of 50 samples": _followed(k, lambda last, u: last + 0.02 * (u - last)),
-        "flips every other half second": _one(k, lambda m, u: -u if _on(m, 1.0) else u),
-        "flips at half its gain": _one(k, lambda m, u: -0.5 * u),
         "flips and lags": _followed(k, lambda last, u: last + 0.2 * (-u - last)),
     }
 
