@@ -5,6 +5,7 @@ import pty
 import struct
 import threading
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,13 +125,13 @@ def test_a_board_that_started_anew_is_asked_who_it_is(problem):
 
 
 def test_a_board_s_estimate_says_all_that_a_controller_reads_of_its_validity(problem):
-    published = []
+    published: list[bytes] = []
     entry = SimpleNamespace(
         read=lambda joints, slots, optional: [0.0, INPUT],
         admit=lambda joints: StampOrder.NEW,
         unpack=lambda message: None,
     )
-    node = SimpleNamespace(
+    node: Any = SimpleNamespace(
         signature="",
         validator=lambda topic: entry,
         open=lambda topic: SimpleNamespace(publish=published.append),
