@@ -35,6 +35,7 @@ CODE = (
 )  # fmt: skip
 """What sets the answers."""
 SECONDS, RATE, ASKED = 20.0, 30.0, 0.03
+STARTS = 10  # of each fit: a rig that sticks has several ends
 RATES: Mapping[str, float] = {"wheel_motor": 60.0, "drill_string": 60.0}
 """Pictures a second of rigs that turn far between two of them."""
 FILMED: Mapping[str, tuple[str, ...]] = {
@@ -87,7 +88,10 @@ def difference(name: str) -> dict[str, float]:
     """Relative rms difference of the friction by film from that by the rig's sensors."""
     rig = load(name)
     pairs = [records(rig, kind, seed) for seed, kind in enumerate(FILMED[name])]
-    own, seen = (identify([pair[k] for pair in pairs], rig, "gray", sampling=Sampling(), seed=0) for k in (0, 1))
+    options = {"starts": STARTS}
+    own, seen = (
+        identify([pair[k] for pair in pairs], rig, "gray", sampling=Sampling(), options=options, seed=0) for k in (0, 1)
+    )
     rubs = next(iter(rig.system.contacts)).on
     low, high = own.training_range[rubs]
     speeds = max(-low, high) * np.linspace(0.05, 1.0, 40)
