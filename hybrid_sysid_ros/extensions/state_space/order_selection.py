@@ -71,9 +71,10 @@ def comparable(stretches: Sequence[subspace.Stretch], highest: int) -> list[int]
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
     found = [n for n in ORDERS if n <= highest and _allowed(stretches, n, m, p)]
     if not found:
+        lengths = [len(inputs) for inputs, _ in stretches]
         raise UserError(
-            f"state space: {sum(len(inputs) for inputs, _ in stretches)} samples in {len(stretches)} stretches are too "
-            "few to compare orders: give longer records"
+            f"state space: {sum(lengths)} samples, in parts of {max(lengths)} at most, are too few to compare orders: "
+            "give longer records, or an order (--option order=1)"
         )
     return found
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.extensions.state_space import tangents
 from hybrid_sysid_ros.extensions.state_space.identification import StateSpaceSettings, identify_state_space, options_of
-from hybrid_sysid_ros.extensions.state_space.order_selection import select_order
+from hybrid_sysid_ros.extensions.state_space.order_selection import comparable, select_order
 from hybrid_sysid_ros.extensions.state_space.periods import period_of, spectrum_of
 from hybrid_sysid_ros.extensions.state_space.refinement import _roles, free_weights, simulated, unit_states
 from hybrid_sysid_ros.extensions.state_space.subspace import (
@@ -252,6 +252,11 @@ def test_units_in_the_feedback_learn_a_spring_that_hardens():
     ]
     assert errors[0] > 0.05
     assert errors[1] < 1e-3
+
+
+def test_too_few_samples_to_compare_orders_are_said_with_what_to_do() -> None:
+    with pytest.raises(UserError, match=r"80 samples, in parts of 59 at most, .* or an order"):
+        comparable([(np.zeros((count, 3)), np.zeros((count, 1))) for count in (59, 21)], 10)
 
 
 def test_what_can_not_be_fitted_is_refused():
