@@ -283,10 +283,10 @@ class MonitoredEstimator:
         turned = acting.copy()
         turn_input(turned, reversal.tried)  # type: ignore[arg-type]
         estimates = one.update_ungated(time, self.shown, acting), other.update_ungated(time, self.shown, turned)
-        pair = [estimate.normalised.tolist() for estimate in estimates]
-        for estimate, squares in zip(estimates, pair, strict=True):
+        own, opposite = (estimate.normalised.tolist() for estimate in estimates)
+        for estimate, squares in zip(estimates, (own, opposite), strict=True):
             signed_roots(estimate.innovation.tolist(), squares)
-        if not acts_reversed(reversal, judge.record, judge.sensors, self.shown.tolist(), *pair, elapsed):
+        if not acts_reversed(reversal, judge.record, judge.sensors, self.shown.tolist(), own, opposite, elapsed):
             return None
         other.counters, self.filter.counters = self.filter.counters, other.counters
         self.filter, self.rivals[1] = other, self.filter

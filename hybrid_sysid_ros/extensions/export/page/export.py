@@ -133,8 +133,9 @@ def _data(simulation: Simulation, model: Model, loop: PythonLoop, *, seal: str) 
             {
                 "name": item.name, "unit": shown.unit, "scale": shown.scale, "low": float(low[k]),
                 "high": float(high[k]), "tracked": bool(weights[k] > 0.0),
+                "noise": sensor.white_noise * abs(sensor.scale) if sensor.noisy else 0.0,
             }
-            for k, (item, shown) in enumerate(zip(system.outputs, rig.display, strict=True))
+            for k, (item, shown, sensor) in enumerate(zip(system.outputs, rig.display, rig.sensors, strict=True))
         ],
         "statuses": [name for name, _ in STATUSES],
         "push": (PUSH * (high_input - low_input)).tolist(),
@@ -160,12 +161,12 @@ def _difference(
 
     Raises UserError where it is above the tolerance.
     """
-    low, high = ([item[end] for item in data["outputs"]] for end in ("low", "high"))
-    references, biases = node_check.course(low, high, np.array(data["push"]), PERIODS, EVERY)
-    found = node_check.run(code, data, name, references, biases)
+    low, high, noise = ([item[key] for item in data["outputs"]] for key in ("low", "high", "noise"))
+    course = node_check.course(low, high, np.array(data["push"]), noise, PERIODS, EVERY)
+    found = node_check.run(code, data, name, *course)
     if found is None:
         return None
-    expected = node_check.in_python(simulation, loop, references, biases)
+    expected = node_check.in_python(simulation, loop, *course)
     largest = float(np.max(np.abs(found - expected) / np.maximum(np.abs(expected), 1.0)))
     tolerance = TOLERANCE if loop.supervisor is None else CONVERGED
     if not largest <= tolerance:

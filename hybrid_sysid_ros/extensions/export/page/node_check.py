@@ -23,7 +23,7 @@ const task = JSON.parse(require("fs").readFileSync("task.json"));
 Rig.of(task.data).then((rig) => {
   rig.begin(task.driver);
   const found = task.references.map((reference, k) => {
-    rig.period(reference, task.biases[k]);
+    rig.period(reference, task.biases[k], task.noises[k]);
     return [...rig.applied, ...rig.plant.state, ...rig.driver.state];
   });
   process.stdout.write(JSON.stringify(found));
@@ -31,12 +31,15 @@ Rig.of(task.data).then((rig) => {
 """
 
 
-def run(code: str, data: Mapping[str, Any], driver: str, references: Array, biases: Array) -> Array | None:
+def run(
+    code: str, data: Mapping[str, Any], driver: str, references: Array, biases: Array, noises: Array
+) -> Array | None:
     """Commands, states and estimates (periods, m + n + n) of a page's code; None without node."""
     node = shutil.which("node")
     if node is None:
         return None
-    task = {"data": data, "driver": driver, "references": references.tolist(), "biases": biases.tolist()}
+    course = {"references": references, "biases": biases, "noises": noises}
+    task = {"data": data, "driver": driver, **{name: rows.tolist() for name, rows in course.items()}}
     with TemporaryDirectory() as scratch:
         (Path(scratch) / "task.json").write_text(json.dumps(task), encoding="utf-8")
         (Path(scratch) / "page.js").write_text(code + MAIN, encoding="utf-8")
@@ -47,15 +50,15 @@ def run(code: str, data: Mapping[str, Any], driver: str, references: Array, bias
     return np.array([[np.nan if item is None else item for item in row] for row in json.loads(done.stdout)])
 
 
-def in_python(simulation: Simulation, loop: PythonLoop, references: Array, biases: Array) -> Array:
+def in_python(simulation: Simulation, loop: PythonLoop, references: Array, biases: Array, noises: Array) -> Array:
     """The same in Python."""
     plant = Plant(simulation.rig, seed=0, bias=simulation.bias, noisy=False, disturbed=False)
     period, horizon = loop.estimator.period, loop.mpc.horizon
     loop.command = np.array([actuator.rest for actuator in simulation.rig.actuators])
     loop.reset()
     applied, found = loop.command.copy(), []
-    for reference, bias in zip(references, biases, strict=True):
-        answer = loop.step(plant.time, plant.sensed(), applied, np.tile(reference, (horizon, 1)))
+    for reference, bias, noise in zip(references, biases, noises, strict=True):
+        answer = loop.step(plant.time, plant.sensed() + noise, applied, np.tile(reference, (horizon, 1)))
         loop.prepare(period)
         plant.bias[:] = bias
         for _ in range(round(period / plant.step)):
@@ -65,9 +68,13 @@ def in_python(simulation: Simulation, loop: PythonLoop, references: Array, biase
     return np.array(found)
 
 
-def course(low: Sequence[float], high: Sequence[float], push: Array, periods: int, every: int) -> tuple[Array, Array]:
-    """References (periods, p) that step within their ranges, and pushes (periods, m) in a fifth of the time."""
+def course(
+    low: Sequence[float], high: Sequence[float], push: Array, noise: Sequence[float], periods: int, every: int
+) -> tuple[Array, Array, Array]:
+    """References (periods, p) that step within their ranges, pushes (periods, m) in a fifth of the time, and white
+    noise (periods, p) of given deviations.
+    """
     random = np.random.default_rng(0)
     levels = random.uniform(low, high, (periods // every + 1, len(low)))
     pushes = np.where(np.arange(periods)[:, None] % (5 * every) < every, push, 0.0)
-    return np.repeat(levels, every, axis=0)[:periods], pushes
+    return np.repeat(levels, every, axis=0)[:periods], pushes, noise * random.normal(size=(periods, len(noise)))

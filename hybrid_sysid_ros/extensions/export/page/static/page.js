@@ -7,6 +7,8 @@ const PUSHED = 0.3; // s
 const words = (name) => name.replaceAll("_", " ");
 const number = (value) => (Number.isFinite(value) ? (Math.abs(value) < 5e-5 ? "0.0000" : value.toPrecision(4)) : "not finite");
 
+const normal = () => Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random()); // Box, Muller
+
 function labelled(parent, kind, attributes, text) {
   const label = parent.appendChild(document.createElement("label"));
   const input = document.createElement("input");
@@ -23,6 +25,7 @@ async function begin() {
   const { outputs, inputs, states } = data;
   const reference = new Float64Array(outputs.length);
   const bias = new Float64Array(inputs.length);
+  const noise = new Float64Array(outputs.length);
   const turned = {}; // positions of joints that have a velocity alone
   let [running, pushed, cost, last, left] = [true, 0, 0, 0, 0];
 
@@ -55,7 +58,7 @@ async function begin() {
   });
 
   const charts = outputs.map((output, k) => ({
-    values: () => [rig.plant.outputs[k] / output.scale, ...(output.tracked ? [reference[k] / output.scale] : [])],
+    values: () => [rig.measured[k] / output.scale, ...(output.tracked ? [reference[k] / output.scale] : [])],
     chart: new Chart(element("charts"), {
       title: `${words(output.name)} [${output.unit}]`,
       lines: [{ name: "output", tone: "output" }, ...(output.tracked ? [{ name: "reference", tone: "reference", dashed: true }] : [])],
@@ -135,7 +138,8 @@ async function begin() {
         bias[j] = (load.valueAsNumber / 100) * (input.high - input.low) + (pushed > 0 ? data.push[j] : 0);
       });
       pushed -= data.period;
-      rig.period(reference, bias);
+      outputs.forEach((output, k) => { noise[k] = output.noise * normal(); });
+      rig.period(reference, bias, noise);
       turn(data.period);
       charts.forEach(({ chart, values }) => chart.append(rig.time, values()));
       periods += 1;

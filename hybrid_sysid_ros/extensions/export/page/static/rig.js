@@ -46,6 +46,7 @@ class Rig {
     this.driver = this.drivers[driver];
     if (!this.driver.calls.begin()) throw new Error("the memory of the solver is too small");
     this.applied = Float64Array.from(this.plant.inputs);
+    this.measured = Float64Array.from(this.plant.outputs);
     this.status = 0;
   }
 
@@ -53,10 +54,12 @@ class Rig {
     return this.steps * this.data.step;
   }
 
-  // A period of the controller. reference: of the outputs, held over the horizon; bias: what acts beside the inputs.
-  period(reference, bias) {
+  // A period of the controller. reference: of the outputs, held over the horizon; bias: what acts beside the inputs;
+  // noise: of the sensors. Without noise a sensor of a rig at rest would look frozen.
+  period(reference, bias, noise) {
     const { plant, driver, data } = this;
-    driver.outputs.set(plant.outputs);
+    for (let k = 0; k < noise.length; k++) this.measured[k] = plant.outputs[k] + noise[k];
+    driver.outputs.set(this.measured);
     driver.applied.set(this.applied);
     for (let k = 0; k < driver.preview.length; k++) driver.preview[k] = reference[k % reference.length];
     this.status = driver.calls.step(this.time);
