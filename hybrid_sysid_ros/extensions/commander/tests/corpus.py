@@ -319,7 +319,8 @@ CORPUS: list[tuple[str, str, Any]] = [
     # A shape behind its count, a centre by "offset", a band of frequencies, and what is beyond reach in what was said.
     (BEAM, "3 periods of a sine of 2 V at 0.5 Hz", [swing(-2, 2, 0.5, 6)]),
     (BEAM, "sine 2 V offset 1 V 0.5 Hz 10 s", [swing(-1, 3, 0.5, 10)]),
-    (BEAM, "go to the top", [go(8)]),
+    (DRILL, "go to the top", Refused("")),
+    (WHEEL, "freeze right there", [STOP]),
     (BEAM, "first go to 1 V then hold 3 s", [go(1), wait(3)]),
     (BEAM, "go to 21 degrees", Refused("(21 deg) is out of reach: stay within -8 and 8 V (-10.4 and 10.4 deg)")),
     (WHEEL, "the same at 100 rpm", Refused("leave it out")),
