@@ -1,8 +1,9 @@
 """Hysteresis: an output that answers otherwise on the way up than on the way down, as a valve that sticks makes it.
 
-Integrals of the inputs, first-order lags of them, of their squares and cubes, and curves of the whole explain what they
-can of an output, and the same beside a play operator what they can then. A play of width w follows its input only where
-that leaves the last value by more than w / 2 (Krasnosel'skii & Pokrovskii 1989, Systems with Hysteresis).
+Integrals of the inputs, first-order lags of them, of their squares and cubes, the decay of where the record begins, and
+curves of the whole explain what they can of an output, and the same beside a play operator what they can then. A play
+of width w follows its input only where that leaves the last value by more than w / 2 (Krasnosel'skii & Pokrovskii 1989,
+Systems with Hysteresis).
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ LAGS, MOST, ROWS, ROUNDS = 10, 3000, 8, 3
 """Lags of a bank, most samples by which it is judged, fewest for each column, and rounds in which what an output would
 be without play is found.
 """
-GAIN, LEFT = 0.6, 0.1
-"""Error that a play must leave, in that without it, and share of the output's variance: else it is another law."""
+GAIN, LEFT, LEAST = 0.6, 0.1, 1e-5
+"""Error that a play must leave, in that without it, and share of the output's variance: else it is another law. LEAST:
+share below which nothing is left to explain."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +48,8 @@ def hysteresis_of(inputs: Sequence[Array], output: Array) -> Hysteresis | None:
     moving = [k for k, values in enumerate(inputs) if np.ptp(values) > 0.0]
     slow = [np.arange(len(y)), *(np.cumsum(_scaled(u)) for u in us)]
     banks = [_bank(_scaled(u) ** power) for u in us for power in (1, 2, 3)]
-    columns = np.column_stack([np.ones(len(y)), *slow, *banks])
+    decays = _keeps(len(y)) ** np.arange(len(y))[:, None]  # a play, too, begins otherwise than it goes on
+    columns = np.column_stack([np.ones(len(y)), *slow, decays, *banks])
     if len(y) < ROWS * columns.shape[1]:
         return None
     known = _directions(columns)
@@ -59,7 +62,8 @@ def hysteresis_of(inputs: Sequence[Array], output: Array) -> Hysteresis | None:
     tried += [(None, width, more) for width in _widths(y) for more in _of_sensor(known, y, width)]
     found = [Hysteresis(input=k, width=width, left=_left(known, alone, more) / whole) for k, width, more in tried]
     best = min(found, key=lambda item: item.left)
-    return best if best.left < min(GAIN * float(alone @ alone) / whole, LEFT) else None
+    rest = float(alone @ alone) / whole
+    return best if rest > LEAST and best.left < min(GAIN * rest, LEFT) else None
 
 
 def _scaled(values: Array) -> Array:
@@ -97,9 +101,14 @@ def _of_sensor(known: Array, y: Array, width: float) -> Iterator[Array]:
 
 def _bank(values: Array) -> Array:
     """Lags of a signal from one sample to a tenth of the record, and the signal, (samples, LAGS + 1)."""
-    keeps = np.exp(-1.0 / np.geomspace(1.0, 0.1 * len(values), LAGS))
     moved = values - values[0]
-    return np.column_stack([moved, *(lfilter([1.0 - keep], [1.0, -keep], moved) for keep in keeps.tolist())])
+    lagged = (lfilter([1.0 - keep], [1.0, -keep], moved) for keep in _keeps(len(values)).tolist())
+    return np.column_stack([moved, *lagged])
+
+
+def _keeps(samples: int) -> Array:
+    """What each lag keeps from a sample to the next, (LAGS,)."""
+    return np.asarray(np.exp(-1.0 / np.geomspace(1.0, 0.1 * samples, LAGS)))
 
 
 def _left(known: Array, alone: Array, more: Array) -> float:

@@ -146,6 +146,14 @@ def test_what_only_bends_lags_or_adds_up_has_no_play(output):
     assert hysteresis_of([STEPS], output) is None
 
 
+@pytest.mark.parametrize("values", [STEPS, np.sign(STEPS)], ids=["steps", "two levels"])
+@pytest.mark.parametrize("begins", [0.0, 2.0])
+def test_where_a_record_begins_is_no_play(values, begins):
+    """Of two levels a play makes two levels, but for its beginning: it explained how a lag comes to rest."""
+    away = begins * 0.995 ** np.arange(len(values))
+    assert hysteresis_of([values], driven_lag(values) + away) is None
+
+
 def test_a_valve_that_sticks_is_no_delay_of_the_rig_of_its_record(call, tmp_path, monkeypatch):
     """The rig's equation takes a play for a longer lag, so that every output seemed to answer early."""
     monkeypatch.chdir(tmp_path)
