@@ -22,9 +22,11 @@ LAGS, MOST, ROWS, ROUNDS = 10, 3000, 8, 3
 """Lags of a bank, most samples by which it is judged, fewest for each column, and rounds in which what an output would
 be without play is found.
 """
-GAIN, LEFT, LEAST = 0.6, 0.1, 1e-5
-"""Error that a play must leave, in that without it, and share of the output's variance: else it is another law. LEAST:
-share below which nothing is left to explain."""
+GAIN, LEFT, LEAST = 0.2, 0.1, 1e-5
+"""Squared error that a play must leave, in that without it, and share of the output's variance: else it may be another
+law, such as a rate limit, a dead zone or friction, of which a play explains up to two thirds. LEAST: share below which
+nothing is left to explain.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
