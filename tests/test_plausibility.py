@@ -9,8 +9,8 @@ import pytest
 
 from hybrid_sysid_ros.bags import joint_states, read, write_bag
 from hybrid_sysid_ros.commands import app
-from hybrid_sysid_ros.identification.plausibility import check_limits, spikes, strangeness
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.plausibility import check_limits, spikes, strangeness
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.errors import UserError

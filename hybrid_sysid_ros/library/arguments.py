@@ -13,8 +13,8 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.models import InputHandling, Model, Sampling
+from hybrid_sysid_ros.models.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.models.structure import Options
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig

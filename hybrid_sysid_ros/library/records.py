@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import UNIFORMITY, Record
 from hybrid_sysid_ros.bags.signals import Signals
-from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel, spikes, strangeness
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models.plausibility import check_limits, check_travel, spikes, strangeness
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError, shown

@@ -145,11 +145,11 @@ def improve(
 
 @inner
 def foreseen(horizon: Horizon, expected: float, found: float) -> bool:
-    """Whether a simulated plan costs what its linear model predicts, J <= (1 + DOUBT) J_expected, and how often in a
-    row that was so.
+    """Whether a simulated plan costs what its linear model predicts, J <= J_expected + DOUBT |J_expected|. How often in
+    a row that was so is counted.
     """
     progress = horizon.progress[0]
-    progress.foreseen = progress.foreseen + 1 if found <= (1.0 + DOUBT) * expected else 0
+    progress.foreseen = progress.foreseen + 1 if found <= expected + DOUBT * abs(expected) else 0
     return progress.foreseen > 0  # type: ignore[no-any-return]
 
 
@@ -191,7 +191,7 @@ def _lift(
         if uphill == 0:
             cost = found
             assign_rows(horizon.inputs, horizon.planned)
-            if found <= (1.0 + DOUBT) * expected:
+            if found <= expected + DOUBT * abs(expected):
                 break
         linearise(prediction, horizon, prediction.smoothing, False)
     assign_rows(horizon.planned, horizon.inputs)

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.extensions.importing.grid import SAMPLES_PER_PIECE, CleanS
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, rig_factor, seconds_of
 from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
-from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel
+from hybrid_sysid_ros.models.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

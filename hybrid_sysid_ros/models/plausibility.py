@@ -12,7 +12,7 @@ from scipy.ndimage import label, median_filter
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.core import Variable
-from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models.model import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
