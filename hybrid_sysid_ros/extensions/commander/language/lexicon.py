@@ -71,8 +71,9 @@ class Lexicon:
         self._enter(found, "ease", (("V", "go"), ("C", "slowly")))
         for category, sign in {"raise": 1.0, "lower": -1.0}.items():
             self._enter(found, category, (("V", "go"), ("U", sign)))
-        for category, sign in {"climb": 1.0, "sink": -1.0}.items():
-            self._enter(found, category, (("V", "go"), ("U", sign), ("h", "height")))
+        for noun, (more, less) in {"height": ("climb", "sink"), "speed": ("speed_up", "slow_down")}.items():
+            for category, sign in ((more, 1.0), (less, -1.0)):
+                self._enter(found, category, (("V", "go"), ("U", sign), ("h", noun)))
         for category, sign in {"up": 1.0, "down": -1.0}.items():
             self._enter(found, category, (("U", sign),))
         for category, sign in {"faster": 1.0, "slower": -1.0}.items():

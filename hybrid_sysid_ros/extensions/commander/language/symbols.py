@@ -184,16 +184,15 @@ class _Reader(QuantityReader):
             raise UnknownWordError(text, ())
 
     def mean(self, meanings: Sequence[tuple[str, Any]], said: str) -> None:
-        """Note what a phrase means. "Climb" names the height, where there is one. Raises UserError for a phrase that no
-        command has, before others that nobody knows.
+        """Note what a phrase means. "Climb" names the height and "accelerate" a speed, where there is one. Raises
+        UserError for a phrase that no command has, before others that nobody knows.
         """
         for kind, reason in meanings:
             if kind == "!":
                 raise UserError(f"{said!r}: {reason}")
-        height = self.vocabulary.of_kind("height")
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind != "h"]
-        if height and any(kind == "h" for kind, _ in meanings):
-            self.found.append(Symbol("O", height[0], said))
+        for noun in [value for kind, value in meanings if kind == "h"]:
+            self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
 
     def _article(self) -> bool:
         """Whether a word that is an article or a preposition is an article here: no number follows."""

@@ -13,6 +13,7 @@ from time import monotonic, monotonic_ns
 from typing import Any
 
 import numpy as np
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -121,6 +122,13 @@ class CommanderNode(RigNode):
         else:
             self.obey(given["command"])
 
+    def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
+        return partial(self.arm, settings["armed"]) if "armed" in names else super().prepare(settings, names)
+
+    def arm(self, armed: bool) -> None:
+        """Carry out at once what passes from now on, or let it wait for ``confirm``."""
+        self.armed = armed
+
     def obey(self, text: str) -> None:
         """Read a command, and begin to check it. Raises UserError where it is refused, which is also reported on
         command_reply.
@@ -153,9 +161,11 @@ class CommanderNode(RigNode):
             if self.checking:
                 raise UserError(f"{self.checking[:60]!r} is still being checked: wait for its reply, or say stop")
             self.monitor.look()
-            self.awaited = None
+            self.awaited = self.guard
+            if self.guard is not None and sentence.later is not None:
+                raise UserError(f"{self.guard.sentence.text!r} waits still, and one condition is watched: say stop")
             plan = interpreter.plan(sentence, self.here())
-            words = interpreter.story(sentence, plan)
+            words = self.story(interpreter, sentence, plan)
             if not sentence.commands and sentence.later is not None:  # what runs goes on meanwhile
                 self.wait_for(sentence)
                 self.reply(text, "waits", words, OK, {})
@@ -165,6 +175,16 @@ class CommanderNode(RigNode):
             self.checking, self.ready = text, None
             self.turn += 1
         Thread(target=self.check, args=(interpreter, sentence, plan, start, self.turn), daemon=True).start()
+
+    @property
+    def guard(self) -> AwaitedCommand | None:
+        """The stop that waits for a condition, if there is one: other commands leave it."""
+        return self.awaited if self.awaited is not None and self.awaited.sentence.is_stop else None
+
+    def story(self, interpreter: Interpreter, sentence: Sentence, plan: ReferencePlan) -> str:
+        """What was understood, and which stop waits beside it."""
+        beside = f"; {self.guard.sentence.text!r} waits still" if self.guard is not None else ""
+        return f"{interpreter.story(sentence, plan)}{beside}"
 
     def here(self) -> Array:
         """Where a plan begins (outputs,): at the reference, or, after a stop, where the outputs are."""
@@ -194,11 +214,12 @@ class CommanderNode(RigNode):
             if turn != self.turn:
                 return  # stopped meanwhile
             self.checking = ""
-            words = f"{interpreter.story(sentence, plan)}: {forecast.line}"
+            words = f"{self.story(interpreter, sentence, plan)}: {forecast.line}"
             self.ready = ReadyCommand(sentence=sentence, plan=plan, forecast=forecast, since=monotonic(), words=words)
             self.planned.publish(self.writer.forecast(forecast))
             if not self.armed:
-                self.reply(sentence.text, "waits", f"{words}; waits for confirm", WARN, forecast.values)
+                words += "; waits for confirm (hybrid-sysid call confirm)"
+                self.reply(sentence.text, "waits", words, WARN, forecast.values)
                 return
             try:
                 self.confirm()
@@ -217,7 +238,7 @@ class CommanderNode(RigNode):
             words = ready.words
             if (np.abs(here - plan.values[0]) > 1e-6).any():  # it has moved on: from here, within the same limits
                 plan = interpreter.plan(ready.sentence, here)
-                words = f"{interpreter.story(ready.sentence, plan)}: {ready.forecast.line}"
+                words = f"{self.story(interpreter, ready.sentence, plan)}: {ready.forecast.line}"
             if not self.set_points.get_subscription_count():
                 raise UserError("no reference node is there to follow a plan: start one")
             if self.stopped:
@@ -234,6 +255,8 @@ class CommanderNode(RigNode):
     def look(self) -> None:
         """See how far the plan is."""
         self.monitor.look()
+        if self.settings["armed"] != self.armed:  # by a stop, or the service
+            self.set_parameters([Parameter("armed", value=self.armed)])
         if self.staying:
             self.staying = False
             self.stay()
@@ -314,7 +337,7 @@ class CommanderNode(RigNode):
 
     def on_arm(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         """From now on plans that pass are carried out at once, or wait to be confirmed."""
-        self.armed = bool(request.data)
+        self.arm(bool(request.data))
         response.success, response.message = True, "armed" if self.armed else "disarmed"
         return response
 

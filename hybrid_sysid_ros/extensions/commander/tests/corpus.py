@@ -327,6 +327,8 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "swing 3 V peak to peak, 0.5 Hz, 10 s, offset of 1 V", [swing(-0.5, 2.5, 0.5, 10)]),
     (BEAM, "senoide de 4 Vpp a 1 Hz por 5 s", [swing(-2, 2, 1, 5)]),
     (CONE, "level off", [wait(0)]),
+    (CONE, "accelerate to 300 m", Refused("is no speed")),
+    (CONE, "acelere para 20 m/s", [go(20, "speed")]),
     (BEAM, "ramp up at 1 V/s for 3 s", Refused("says how fast")),
     (BEAM, "go to 3 V very slowly", [go(3, pace="slowly")]),
     *PORTUGUESE,

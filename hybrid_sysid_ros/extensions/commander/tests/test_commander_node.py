@@ -158,6 +158,10 @@ def test_a_stop_drops_the_plan_and_disarms(loop: DrivenRig) -> None:
     assert loop.controller.operation.mode is ControllerMode.STOP
     assert loop.call("commander/confirm").success
     loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.DRIVE)
+    assert not loop.commander.get_parameter("armed").value
+    wanted = [Parameter("armed", value=True).to_parameter_msg()]
+    assert loop.call("commander/set_parameters", SetParameters, parameters=wanted).results[0].successful
+    assert loop.commander.armed
 
 
 @pytest.mark.parametrize("text", ["stop", "STOP!!", "please stop it now", "oh dear stop"])
@@ -228,6 +232,14 @@ def test_a_stop_may_wait_and_leaves_what_runs_alone_until_then(loop: DrivenRig) 
     assert loop.commander.running is not None
     loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
     assert loop.commander.running is None
+
+
+def test_a_stop_that_waits_is_not_dropped_by_the_next_command(loop: DrivenRig) -> None:
+    loop.say("stop if it reaches 1 V")
+    assert "'stop if it reaches 1 V' waits still" in loop.say("go to 2 V in 3 s").message
+    assert "one condition is watched" in loop.say("once it is still go to 0 V").message
+    loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
+    assert loop.commander.monitor.shown_outputs()[0] < 1.5
 
 
 def test_a_condition_that_never_comes_is_reported_and_left_out(
