@@ -24,8 +24,8 @@ be without play is found.
 """
 GAIN, LEFT, LEAST = 0.2, 0.1, 1e-5
 """Squared error that a play must leave, in that without it, and share of the output's variance: else it may be another
-law, such as a rate limit, a dead zone or friction, of which a play explains up to two thirds. LEAST: share below which
-nothing is left to explain.
+law, such as a rate limit, a dead zone or friction, of which a play explains between 70 and 80 % at most. LEAST: share
+below which nothing is left to explain.
 """
 
 
