@@ -36,7 +36,7 @@ class AcadosMpc:
     and read after them.
     """
 
-    def __init__(self, system: System, problem: ControlProblem, *, real_time: bool = False) -> None:
+    def __init__(self, system: System, problem: ControlProblem, *, real_time: bool = False, flags: str = FLAGS) -> None:
         from acados_template import AcadosModel, AcadosOcp, AcadosOcpSolver  # type: ignore[import-not-found]
 
         self.horizon, self.period, self.problem, self.real_time = problem.horizon, problem.period, problem, real_time
@@ -88,7 +88,7 @@ class AcadosMpc:
         options.print_level = 0
         self._folder = tempfile.TemporaryDirectory()
         ocp.code_gen_options.code_export_directory = str(Path(self._folder.name) / "code")
-        ocp.code_gen_options.ext_fun_compile_flags = FLAGS
+        ocp.code_gen_options.ext_fun_compile_flags = flags
         self.solver: Any = AcadosOcpSolver(ocp, verbose=False)
         if any(changes != changes[-1]) or any(outputs != outputs[0]):
             raise ValueError("weights that change along the horizon are not stated here")
