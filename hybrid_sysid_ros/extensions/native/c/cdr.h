@@ -2,14 +2,11 @@
 #ifndef CDR_H
 #define CDR_H
 
-#include <stdbool.h>
 #include <stddef.h>
-#include <stdint.h>
 
-#include "rcl/rcl.h"
+#include "process.h"
 
 #define FIELDS 3 /* position, velocity and effort */
-#define SECOND INT64_C(1000000000)
 
 typedef struct {
     const uint8_t *data;

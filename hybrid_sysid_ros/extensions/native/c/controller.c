@@ -217,8 +217,9 @@ static bool activate(node *own)
     control.state = operated(DRIVING);
     controller_forget();
     activated = steady();
-    return inlet_open(&references, own, ROSIDL_GET_MSG_TYPE_SUPPORT(trajectory_msgs, msg, JointTrajectory), "reference")
-           && inlet_open(&stops, own, ROSIDL_GET_MSG_TYPE_SUPPORT(std_msgs, msg, Bool), "estop")
+    return inlet_open(&references, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(trajectory_msgs, msg, JointTrajectory),
+                      "reference")
+           && inlet_open(&stops, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(std_msgs, msg, Bool), "estop")
            && output_open(own);
 }
 

@@ -8,7 +8,6 @@
 #define BUCKETS (8 * PER_DECADE)
 #define MOST_VALUES 96
 #define MOST_TROUBLES 32
-#define WORDS 768
 
 /* Durations from 1 us to 100 s. */
 typedef struct {

@@ -59,8 +59,9 @@ static bool activate(node *own)
     for (j = 0; j < INPUTS; j++) {
         known[j] = NAN;
     }
-    return inlet_open(&measurements, own, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState), "joint_states")
-           && outlet_open(&covariances, own, ROSIDL_GET_MSG_TYPE_SUPPORT(std_msgs, msg, Float64MultiArray),
+    return inlet_open(&measurements, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState),
+                      "joint_states")
+           && outlet_open(&covariances, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(std_msgs, msg, Float64MultiArray),
                           "state_covariance");
 }
 
@@ -71,8 +72,8 @@ static void deactivate(node *own)
         (void)!rcl_subscription_fini(&commands, &own->handle);
     }
     listens = makes_do = false;
-    outlet_close(&estimates, own);
-    outlet_close(&covariances, own);
+    outlet_close(&estimates, &own->handle);
+    outlet_close(&covariances, &own->handle);
 }
 
 int estimator_inlets(rcl_subscription_t **inlets)
@@ -111,11 +112,11 @@ void estimator_look(void)
     }
     if (!makes_do && !estimator_is_heard() && steady() - looked > SECOND / 5) {
         looked = steady();
-        makes_do = inlet_make_do(&measurements, &estimator_node,
+        makes_do = inlet_make_do(&measurements, &estimator_node.handle,
                                  ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState), "joint_states");
     }
     if (!estimates.open && estimator_is_heard()) {
-        outlet_open(&estimates, &estimator_node, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState),
+        outlet_open(&estimates, &estimator_node.handle, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState),
                     "state_estimate");
     }
 }
@@ -294,8 +295,8 @@ bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_mes
         lacks = lacks || isnan(values[OUTPUTS + k]);
     }
     if (lacks && !listens) {
-        listens = inlet_open(&commands, &estimator_node, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState),
-                             "joint_command");
+        listens = inlet_open(&commands, &estimator_node.handle,
+                             ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState), "joint_command");
     }
     return true;
 }

@@ -64,8 +64,6 @@ typedef struct {
     int named;
 } slot_reader;
 
-int64_t now(void);    /* of the ROS clock [ns] */
-int64_t steady(void); /* of a clock that nobody sets [ns] */
 
 void validator_begin(validator *own, bool timed, double ahead, double behind, double silence);
 void validator_forget(validator *own);

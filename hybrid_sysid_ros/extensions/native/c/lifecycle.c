@@ -12,7 +12,7 @@
 #include "lifecycle_msgs/srv/get_state.h"
 #include "rosidl_runtime_c/string_functions.h"
 
-#include "node.h"
+#include "lifecycle.h"
 
 #define SERVICE(kind) ROSIDL_GET_SRV_TYPE_SUPPORT(lifecycle_msgs, srv, kind)
 #define SERVE(channel, kind, answer)                                                                                   \

@@ -13,15 +13,12 @@
 #include "rcl/logging.h"
 #include "rosgraph_msgs/msg/clock.h"
 
+#include "lifecycle.h"
 #include "loop.h"
-#include "node.h"
+#include "managed.h"
 
 #define SERVE_PERIOD (SECOND / 100) /* between two looks at services, the starter and peers */
 #define MOST_INLETS 8
-
-rcl_context_t context;
-bool ended;
-extern int64_t clock_time;
 
 static volatile sig_atomic_t interrupted;
 static rcl_subscription_t clock_inlet;

@@ -2,13 +2,12 @@
 #ifndef NODE_H
 #define NODE_H
 
-#include "rcl/error_handling.h"
-#include "rcl/rcl.h"
 #include "rcl_lifecycle/rcl_lifecycle.h"
 
 #include "diagnostics.h"
 #include "joints.h"
 #include "rig.h"
+#include "topics.h"
 
 #define PARAMETER_SERVICES 6
 
@@ -19,11 +18,6 @@ typedef struct {
     bool (*act)(char *words); /* words: why it did not, of WORDS bytes */
     rcl_service_t service;
 } trigger;
-
-typedef struct {
-    rcl_publisher_t publisher;
-    bool open;
-} outlet;
 
 struct node {
     const char *name;
@@ -49,36 +43,6 @@ struct node {
     rmw_request_id_t leaver;
     int64_t reported;
 };
-
-extern rcl_context_t context;
-extern bool ended;
-
-#define CHECK(call) node_check((call), #call)
-void node_check(rcl_ret_t found, const char *what);
-void refuse(const char *words, ...) __attribute__((format(printf, 1, 2), noreturn));
-void announce(const char *words, ...) __attribute__((format(printf, 1, 2)));
-rmw_qos_profile_t quality_of(const char *topic, bool lockstep);
-bool outlet_open(outlet *own, node *of, const rosidl_message_type_support_t *kind, const char *topic);
-void outlet_close(outlet *own, node *of);
-bool outlet_is_read(const outlet *own);
-bool inlet_open(rcl_subscription_t *own, node *of, const rosidl_message_type_support_t *kind, const char *topic);
-/* Ask a topic for best effort only, where a publisher offers no more: whether that was changed. */
-bool inlet_make_do(rcl_subscription_t *own, node *of, const rosidl_message_type_support_t *kind, const char *topic);
-bool inlet_take(rcl_subscription_t *own, rcl_serialized_message_t *message);
-
-void node_begin(node *own);
-void node_serve(node *own);
-void node_report(node *own, bool printed);
-void node_end(node *own);
-void node_close(node *own);
-
-void parameters_begin(node *own);
-void parameters_open(node *own);
-void parameters_serve(node *own);
-
-void lifecycle_open(node *own);
-void lifecycle_serve(node *own);
-void lifecycle_bring_up(node *own);
 
 extern node estimator_node, controller_node;
 

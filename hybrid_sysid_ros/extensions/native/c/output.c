@@ -22,14 +22,15 @@ void output_begin(node *own)
 
 bool output_open(node *own)
 {
-    return outlet_open(&efforts, own, ROSIDL_GET_MSG_TYPE_SUPPORT(std_msgs, msg, Float64MultiArray), "effort_command")
-           && outlet_open(&plans, own, ROSIDL_GET_MSG_TYPE_SUPPORT(trajectory_msgs, msg, JointTrajectory),
+    return outlet_open(&efforts, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(std_msgs, msg, Float64MultiArray),
+                       "effort_command")
+           && outlet_open(&plans, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(trajectory_msgs, msg, JointTrajectory),
                           "predicted_trajectory");
 }
 
 void output_open_commands(node *own)
 {
-    outlet_open(&commands, own, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState), "joint_command");
+    outlet_open(&commands, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(sensor_msgs, msg, JointState), "joint_command");
 }
 
 bool output_is_open(void)
@@ -43,9 +44,9 @@ void output_close(node *own)
         (void)!rcl_publisher_wait_for_all_acked(&commands.publisher, RCL_MS_TO_NS(100));
         rcl_reset_error();
     }
-    outlet_close(&commands, own);
-    outlet_close(&efforts, own);
-    outlet_close(&plans, own);
+    outlet_close(&commands, &own->handle);
+    outlet_close(&efforts, &own->handle);
+    outlet_close(&plans, &own->handle);
 }
 
 int64_t time_of_loop(void)
@@ -110,58 +111,6 @@ void at_rest(double *found)
     } else {
         memcpy(found, rest, sizeof control.input);
     }
-}
-
-void rest_with(enum layer layer)
-{
-    double found[INPUTS];
-
-    memcpy(found, rest, sizeof found);
-    if (layer == RESTED) {
-        at_rest(found);
-    }
-    control.layers[layer]++;
-    control.settled = false;
-    control.returning = true;
-    become(operated(RESTING));
-    send_command(found, true);
-}
-
-bool is_long(void)
-{
-    return !control.sound || (double)(time_of_loop() - control.sound) / 1e9 > value(CONTROLLER_ZERO_AFTER);
-}
-
-void hold_command(void)
-{
-    if (is_long()) {
-        rest_with(ZEROED);
-        return;
-    }
-    control.layers[HELD]++;
-    send_command(control.input, true);
-}
-
-void stop_moving(void)
-{
-    const double seconds = value(CONTROLLER_STOP_SECONDS);
-    double share = 1.0, found[INPUTS];
-    int j;
-
-    if (seconds > 0.0 && !control.emergency) {
-        share = fmin((double)(time_of_loop() - control.acted) / 1e9 / seconds, 1.0);
-    }
-    at_rest(found);
-    for (j = 0; j < INPUTS; j++) {
-        const double away = control.input[j] - found[j], room = share * (input_high[j] - input_low[j]);
-
-        found[j] += copysign(fmax(fabs(away) - room, 0.0), away);
-    }
-    control.layers[STOPPED_LAYER]++;
-    become(operated(RESTING));
-    control.settled = false;
-    control.returning = true;
-    send_command(found, true);
 }
 
 void output_show(void)

@@ -18,7 +18,7 @@
 #include "rosidl_runtime_c/primitives_sequence_functions.h"
 #include "rosidl_runtime_c/string_functions.h"
 
-#include "node.h"
+#include "parameters.h"
 
 typedef rcl_interfaces__msg__ParameterValue ros_value;
 
