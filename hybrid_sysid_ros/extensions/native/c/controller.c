@@ -6,12 +6,10 @@
 #include "std_msgs/msg/bool.h"
 #include "trajectory_msgs/msg/joint_trajectory.h"
 
-#include "controller.h"
+#include "control.h"
 
 #define SHOW_PERIOD (SECOND / 10)       /* between two predicted trajectories */
 #define REFERENCE_PATIENCE (3 * SECOND) /* that a controller waits for somebody who gives references */
-
-controller_state control;
 
 static const enum layer layer_of[STATUSES] = {HELD, EXACT, EXACT, EXACT, SHIFTED, POLICY_LAYER, HELD, RESTED};
 
@@ -22,7 +20,7 @@ static int64_t activated, shown, answered;
 
 /* ------------------------------------------------------------------ answers */
 
-void controller_forget(void)
+static void forget(void)
 {
     UNIT(forget_plan)(&unit);
     control.stamp = control.sound = shown = answered = control.acted = 0;
@@ -179,7 +177,7 @@ void controller_answer(const estimate *found, enum stamp_order order)
         return;
     }
     if (order == RESTART) {
-        controller_forget();
+        forget();
     }
     if (LOCKSTEP && !reference_covers(last)) {
         waiting = *found;
@@ -187,11 +185,6 @@ void controller_answer(const estimate *found, enum stamp_order order)
         return;
     }
     proceed(found, LOCKSTEP ? 0.0 : (double)(now() - found->stamp) / 1e9);
-}
-
-void controller_commanded(double *inputs)
-{
-    memcpy(inputs, control.input, sizeof control.input);
 }
 
 /* ------------------------------------------------------------------ the node */
@@ -215,7 +208,7 @@ static bool activate(node *own)
     memset(&control.age, 0, sizeof control.age);
     control.clipped = control.past_end = control.repeated = 0;
     control.state = operated(DRIVING);
-    controller_forget();
+    forget();
     activated = steady();
     return inlet_open(&references, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(trajectory_msgs, msg, JointTrajectory),
                       "reference")
@@ -289,36 +282,22 @@ void controller_look(void)
     }
 }
 
-node controller_node = {
-    .name = "controller", .parameters = controller_parameters, .count = CONTROLLER_PARAMETERS, .triggers = controller_triggers,
-    .trigger_count = 7, .activate = activate, .wind_down = wind_down, .is_down = is_down, .deactivate = deactivate,
-    .health = controller_health,
+static bool reset(char *words)
+{
+    (void)words;
+    operation_reset();
+    forget();
+    return true;
+}
+
+static trigger triggers[] = {
+    {"enable", operation_enable, {0}}, {"hold", operation_hold, {0}}, {"stop", operation_stop, {0}},
+    {"reset", reset, {0}}, {"arm", operation_arm, {0}}, {"disarm", operation_disarm, {0}},
+    {"estop", operation_estop, {0}},
 };
 
-/* ------------------------------------------------------------------ both nodes */
-
-void loop_begin(void)
-{
-    if (!UNIT(init)(&unit)) {
-        refuse("the memory of the loop's solver is too small: report this");
-    }
-    UNIT(reset)(&unit);
-}
-
-int loop_inlets(rcl_subscription_t **inlets)
-{
-    const int count = estimator_inlets(inlets);
-
-    return count + controller_inlets(inlets + count);
-}
-
-void loop_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *message)
-{
-    (void)(estimator_receive(inlet, message) || controller_receive(inlet, message));
-}
-
-void loop_look(void)
-{
-    estimator_look();
-    controller_look();
-}
+node controller_node = {
+    .name = "controller", .parameters = controller_parameters, .count = CONTROLLER_PARAMETERS, .triggers = triggers,
+    .trigger_count = sizeof triggers / sizeof triggers[0], .activate = activate, .wind_down = wind_down,
+    .is_down = is_down, .deactivate = deactivate, .health = controller_health,
+};

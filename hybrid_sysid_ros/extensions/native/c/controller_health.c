@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "controller.h"
+#include "control.h"
 
 static const char *const state_words[STATES_OF_LOOP] = {
     "driving", "slowed", "holding", "resting", "stopped", "disarmed"};
@@ -11,16 +11,6 @@ static const char *const layer_words[LAYERS] = {
     "exact", "policy", "shifted_plan", "held", "zeroed", "rested", "stopped", "no_reference"};
 static const char *const status_words[STATUSES] = {
     "waiting", "solved", "iterated", "not_converged", "failed", "policy", "held", "rested"};
-
-const char *doubt_in_words(void)
-{
-    const int cause = unit.guard_failsafe[0].cause;
-
-    if (cause < 0) {
-        return unit.guard_core[0].reversed < 0 ? "a sensor is missing or left out" : INPUT_REVERSED;
-    }
-    return doubts[cause];
-}
 
 static troubles loop_troubles, policy_troubles;
 

@@ -13,7 +13,6 @@
 #define LONGEST_GAP 1.0           /* s, after which an estimate begins anew */
 #define NUMBERS (2 * STATES + 3 * INPUTS + FURTHER + 2 + FOLLOWED + INPUTS)
 
-UNIT(memory) unit;
 estimator_state estimation;
 
 static rcl_subscription_t measurements, commands;
@@ -25,6 +24,14 @@ static slot_reader measured, commanded;
 static written_message message;
 static int64_t zero, usable, shown, first_stamp;
 static double known[INPUTS];
+static void (*answer_estimate)(const estimate *found, enum stamp_order order);
+static void (*repeat_answer)(void);
+
+void estimator_serves(void (*answers)(const estimate *found, enum stamp_order order), void (*repeats)(void))
+{
+    answer_estimate = answers;
+    repeat_answer = repeats;
+}
 
 static void forget(void)
 {
@@ -189,7 +196,7 @@ static void answer(const double *given, int64_t stamp, enum stamp_order order, i
     if (order == DUPLICATE) {
         estimation.repeated++;
         publish();
-        controller_repeat();
+        repeat_answer();
         return;
     }
     if (order == RESTART) {
@@ -236,7 +243,7 @@ static void answer(const double *given, int64_t stamp, enum stamp_order order, i
     for (k = 0; k < INPUTS; k++) {
         estimation.newest.applied[k] = (UNIT(real))given[OUTPUTS + k];
     }
-    controller_answer(&estimation.newest, order); /* first of all: the rig waits for it */
+    answer_estimate(&estimation.newest, order); /* first of all: the rig waits for it */
     pack(given + OUTPUTS);
     publish();
     if (stamp - shown >= SHOW_PERIOD) {

@@ -20,6 +20,8 @@ int loop_inlets(rcl_subscription_t **inlets);
 void loop_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *message);
 void loop_look(void); /* every 10 ms */
 
+/* Who is asked with every estimate, and again where a measurement comes twice. */
+void estimator_serves(void (*answers)(const estimate *found, enum stamp_order order), void (*repeats)(void));
 int estimator_inlets(rcl_subscription_t **inlets);
 bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *message);
 void estimator_look(void);
@@ -31,7 +33,6 @@ bool controller_receive(const rcl_subscription_t *inlet, const rcl_serialized_me
 void controller_look(void);
 void controller_answer(const estimate *found, enum stamp_order order);
 void controller_repeat(void);
-void controller_commanded(double *inputs); /* the newest command, where a driver does not say what acted */
 
 static inline double value_of(const node *own, int parameter)
 {

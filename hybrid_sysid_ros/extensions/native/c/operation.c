@@ -3,7 +3,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "controller.h"
+#include "control.h"
+
+controller_state control;
 
 static const char *way_back(void)
 {
@@ -71,30 +73,27 @@ static bool turn_to(enum mode next, char *words)
     return true;
 }
 
-static bool enable(char *words)
+bool operation_enable(char *words)
 {
     return turn_to(DRIVE, words);
 }
 
-static bool hold_outputs(char *words)
+bool operation_hold(char *words)
 {
     return turn_to(HOLD, words);
 }
 
-static bool stop_loop(char *words)
+bool operation_stop(char *words)
 {
     return turn_to(STOP, words);
 }
 
-static bool reset(char *words)
+void operation_reset(void)
 {
-    (void)words;
     if (control.emergency) {
         control.emergency = false;
         say("at rest");
     }
-    controller_forget();
-    return true;
 }
 
 void stop_at_once(const char *why)
@@ -111,14 +110,14 @@ void stop_at_once(const char *why)
     send_command(found, false);
 }
 
-static bool estop(char *words)
+bool operation_estop(char *words)
 {
     (void)words;
     stop_at_once("the service estop or a stop by hand");
     return true;
 }
 
-static bool disarm(char *words)
+bool operation_disarm(char *words)
 {
     (void)words;
     control.armed = false;
@@ -127,6 +126,16 @@ static bool disarm(char *words)
     }
     say("at rest");
     return true;
+}
+
+const char *doubt_in_words(void)
+{
+    const int cause = unit.guard_failsafe[0].cause;
+
+    if (cause < 0) {
+        return unit.guard_core[0].reversed < 0 ? "a sensor is missing or left out" : INPUT_REVERSED;
+    }
+    return doubts[cause];
 }
 
 const char *unready(void)
@@ -151,7 +160,7 @@ const char *unready(void)
     return "";
 }
 
-static bool arm(char *words)
+bool operation_arm(char *words)
 {
     if (control.emergency) {
         snprintf(words, WORDS, "%.300s is latched: call the service reset before", control.reason);
@@ -167,8 +176,3 @@ static bool arm(char *words)
     say("may move");
     return true;
 }
-
-trigger controller_triggers[7] = {
-    {"enable", enable, {0}}, {"hold", hold_outputs, {0}}, {"stop", stop_loop, {0}}, {"reset", reset, {0}},
-    {"arm", arm, {0}}, {"disarm", disarm, {0}}, {"estop", estop, {0}},
-};

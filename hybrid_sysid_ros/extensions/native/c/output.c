@@ -7,7 +7,7 @@
 #include "std_msgs/msg/float64_multi_array.h"
 #include "trajectory_msgs/msg/joint_trajectory.h"
 
-#include "controller.h"
+#include "control.h"
 
 #define LONGEST 0.05 /* s, as long as a first command may count */
 

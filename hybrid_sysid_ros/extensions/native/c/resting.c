@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "controller.h"
+#include "control.h"
 
 void rest_with(enum layer layer)
 {

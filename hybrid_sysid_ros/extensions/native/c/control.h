@@ -1,6 +1,6 @@
 /* What the files of the controller share. */
-#ifndef CONTROLLER_H
-#define CONTROLLER_H
+#ifndef CONTROL_H
+#define CONTROL_H
 
 #include "reference.h"
 
@@ -31,16 +31,21 @@ typedef struct {
 } controller_state;
 
 extern controller_state control;
-extern trigger controller_triggers[7];
 
 const char *operation_words(char *words); /* what to do to go on, "" where the loop drives */
 void operation_begin(void);
+bool operation_enable(char *words);
+bool operation_hold(char *words);
+bool operation_stop(char *words);
+bool operation_arm(char *words);
+bool operation_disarm(char *words);
+bool operation_estop(char *words);
+void operation_reset(void);
 enum loop_state operated(enum loop_state level);
 void become(enum loop_state next);
 void stop_at_once(const char *why);
 const char *doubt_in_words(void); /* why the guard allows no more than it does */
 const char *unready(void); /* what is in the way of arming, or "" */
-void controller_forget(void);
 
 void output_begin(node *own);
 bool output_open(node *own);
