@@ -143,7 +143,7 @@ def test_a_section_of_nobody_is_refused(heating: Path, here: Here, apart: Apart,
     assert "unknown key 'heating'" in refused.stderr
 
 
-MANIFEST = "from hybrid_sysid_ros.support.extensions import Extension\nEXTENSION = Extension(name={!r}, summary='', {})"
+MANIFEST = "from hybrid_sysid_ros.support.manifest import Extension\nEXTENSION = Extension(name={!r}, summary='', {})"
 
 
 @pytest.mark.parametrize(

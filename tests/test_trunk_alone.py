@@ -13,7 +13,8 @@ import yaml
 
 from hybrid_sysid_ros.runtime.session import has_ros
 from hybrid_sysid_ros.support import extensions
-from hybrid_sysid_ros.support.extensions import HOME, Extension
+from hybrid_sysid_ros.support.extensions import HOME
+from hybrid_sysid_ros.support.manifest import Extension
 from tests.apart import COMMANDS, ROOT, apart_in
 
 PACKAGE = ROOT / "hybrid_sysid_ros"

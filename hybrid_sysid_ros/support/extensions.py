@@ -7,62 +7,26 @@ when they are used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any
 
 from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
+from hybrid_sysid_ros.support.manifest import Extension
+from hybrid_sysid_ros.support.trunk import NEIGHBOURS, TRUNK
 
 GROUP = "hybrid_sysid_ros.extensions"
 """Group of other packages' entry points; the value is the manifest, MODULE:EXTENSION."""
 HOME = Path(__file__).parents[1] / "extensions"
 MANIFEST = "extension.py"
 PACKAGE = __name__.partition(".")[0]
-KINDS = (
-    "sections", "report", "companions", "demos", "controllers", "pictures", "structures", "blocks", "solvers",
-    "policies", "exporters", "descriptions", "drawings", "record_checks", "record_remarks", "training_notes",
-    "use_checks", "loop_checks", "wrappers", "criteria", "inspections", "comparisons",
-)  # fmt: skip
-"""Kinds of objects that an extension may provide."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Extension:
-    """A manifest of an extension's additions by name. docs/extend.md describes each kind.
-
-    Raises UserError for a field of another type, and for an unknown kind.
-    """
-
-    name: str
-    summary: str
-    commands: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """By its words, such as "say" or "rig layouts": a module with a function ``command``, and a summary of one line."""
-    nodes: Mapping[str, str] = field(default_factory=dict)
-    """ROS 2 nodes by name: a module with a function ``main``."""
-    declarations: Path | None = None
-    """YAML file of the form of msgs_config/nodes.yaml: parameters of its nodes, further ones of others, and topics."""
-    provides: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    """By kind and name, an object as "module:attribute"."""
-
-    def __post_init__(self) -> None:
-        for name, hint in get_type_hints(type(self)).items():
-            if not _fits(value := getattr(self, name), hint):
-                raise UserError(f"its {name} is {value!r}: it needs {self.__annotations__[name]}")
-        for kind in set(self.provides) - set(KINDS):
-            raise UserError(f"its provides has an unknown kind {kind!r}: {errors.known(kind, KINDS)}")
-
-    def claims(self) -> Iterator[tuple[str, str]]:
-        """Kinds and names that no other extension may have."""
-        yield from (("command", words) for words in self.commands)
-        yield from (("node", name) for name in self.nodes)
-        yield from ((kind, name) for kind, names in self.provides.items() for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +40,6 @@ class Registry:
 @cache
 def registry() -> Registry:
     """All installed extensions, which are looked for once in a process: our own by name, then those of others."""
-    from hybrid_sysid_ros.support.trunk import TRUNK  # a manifest, too
-
     used, problems = [TRUNK], list[str]()
     taken = dict.fromkeys((("command", words.split()[0]) for words in TRUNK.commands), TRUNK.name)
     taken |= dict.fromkeys([("extension", TRUNK.name), *TRUNK.claims()], TRUNK.name)
@@ -150,8 +112,6 @@ def leave_out(what: str, why: UserError) -> None:
 
 def missing(name: str) -> str:
     """Why a command, node, structure or option of an extension of ours is not there; empty where that is not why."""
-    from hybrid_sysid_ros.support.trunk import NEIGHBOURS
-
     for owner, names in NEIGHBOURS.items():
         if any(name == known or name.startswith(f"{known}_") for known in names):
             reasons = [line for line in registry().problems if line.startswith(f"extension {owner} ")]
@@ -183,16 +143,6 @@ def blaming(what: str, module: str = "") -> Iterator[None]:
         if isinstance(error, UserError | Interrupted) or module.startswith(f"{PACKAGE}."):
             raise
         raise UserError(f"{what}: {type(error).__name__}: {' '.join(str(error).split())[:200]}") from error
-
-
-def _fits(value: Any, hint: Any) -> bool:
-    """Whether plain data has a type: a class, or a tuple or mapping of such."""
-    kinds, kind = get_args(hint), get_origin(hint)
-    if kind is tuple:
-        return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))
-    if kind is Mapping:
-        return isinstance(value, Mapping) and all(_fits(item, tuple[kinds]) for item in value.items())  # type: ignore[valid-type]
-    return isinstance(value, hint)
 
 
 def _targets() -> Iterator[tuple[str, str]]:

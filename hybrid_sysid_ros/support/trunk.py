@@ -1,6 +1,6 @@
 """The trunk: what this package offers by name without any extension, declared as an extension declares it."""
 
-from hybrid_sysid_ros.support.extensions import Extension
+from hybrid_sysid_ros.support.manifest import Extension
 
 COMMANDS = "hybrid_sysid_ros.commands"
 NODES = "hybrid_sysid_ros.nodes"

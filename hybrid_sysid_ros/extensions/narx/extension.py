@@ -1,6 +1,6 @@
 """What this extension adds."""
 
-from hybrid_sysid_ros.support.extensions import Extension
+from hybrid_sysid_ros.support.manifest import Extension
 
 HERE = "hybrid_sysid_ros.extensions.narx"
 EXTENSION = Extension(

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hybrid_sysid_ros.support.extensions import Extension
+from hybrid_sysid_ros.support.manifest import Extension
 
 HERE = "hybrid_sysid_ros.extensions.view"
 EXTENSION = Extension(
