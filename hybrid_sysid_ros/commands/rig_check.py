@@ -42,7 +42,7 @@ def command(
     unread = [name for name in described.content if name not in targets("sections")]
     remarks = [*findings.remarks, *(f"{name}: no extension that reads it is installed" for name in unread)]
     if without and loop:
-        remarks.append(f"no section nodes: a rig for identification alone; a loop would need: {loop[0]}")
+        remarks.append(preflight.needed_of(loop))
     step = described.step
     shown = seconds or min(max(2.0, SAMPLES * step), MOST_STEPS * step)  # as many steps as are shown, or a moment's
     responses = None if findings.problems else step_responses(described, seconds=shown, samples=SAMPLES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.models import Model
@@ -25,8 +25,15 @@ def check(rig: Rig, given: NodeValues) -> None:
     """
     loop, problems = settings_of(rig, given)
     problems += _of_nodes(rig, given, loop)
+    if problems and not rig.content.get("nodes"):
+        problems = [f"{rig.file}: {needed_of(problems)}"]
     if problems:
         raise UserErrors(problems)
+
+
+def needed_of(problems: Sequence[str]) -> str:
+    """What a rig without values of nodes lacks for a loop, of which these are the problems."""
+    return f"no section nodes: a rig for identification alone; a loop would need: {problems[0]}"
 
 
 def of_rig(rig: Rig) -> list[str]:

@@ -175,7 +175,7 @@ def _time_scale(outputs: Sequence[MadeSignal], period: float) -> tuple[float, fl
         bands.append(_below(np.maximum(smooth - noise, 0.0) * frequencies**2, frequencies, RATE_BAND))
     band = min(max(*bands, 2.0 / (samples * period)), 0.3 / period)
     every = max(1, min(int(1.0 / (PER_PERIOD * band * period)), samples // FEWEST))
-    return every * period, float(band)
+    return float(f"{every * period:.12g}"), float(band)
 
 
 def _below(power: Array, frequencies: Array, share: float) -> float:
@@ -291,8 +291,9 @@ def _values_text(
         "demo": {"step": step, "period": step},
     }  # fmt: skip
     text = yaml.dump(
-        {key: value for key, value in content.items() if value}, Dumper=Dumper, sort_keys=False, default_flow_style=None
-    )
+        {key: value for key, value in content.items() if value},
+        Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True,
+    )  # fmt: skip
     return (
         f"# Made of {file.path.name}: a rig for identification alone; docs/guides/rig-file.md describes all sections.\n"
         "# actuators: the record's limits and a quarter more, on their side of 0; put the real ones.\n"

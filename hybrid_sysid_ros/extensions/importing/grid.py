@@ -166,10 +166,14 @@ def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
         at = np.searchsorted(times, grid)
         before, after = times[np.maximum(at - 1, 0)], times[np.minimum(at, len(times) - 1)]
         measured = np.minimum(np.abs(grid - before), np.abs(after - grid)) <= NEAR * period
-        notes.append(
-            f"{what}: times are uneven, steps of {np.percentile(steps, 5):.3g} to {np.percentile(steps, 95):.3g} s; "
-            f"signals are interpolated at steps of {period:.6g} s"
+        within = steps[steps <= GAP * period]
+        steady = len(within) < len(steps) and np.abs(within - period).max() <= JITTER * period
+        cause = (
+            "a gap is no whole number of samples"
+            if steady
+            else f"times are uneven, steps of {np.percentile(steps, 5):.3g} to {np.percentile(steps, 95):.3g} s"
         )
+        notes.append(f"{what}: {cause}; signals are interpolated at steps of {period:.6g} s")
     gaps = steps[steps > GAP * period]
     if len(gaps) and not measured.all():
         k = int(np.argmax(steps > GAP * period))

@@ -1,4 +1,4 @@
-"""Changes: scale, delay, noise or zero of a signal that are others in a part of the record."""
+"""Changes: sign, scale, delay, noise or zero of a signal that are others in a part of the record."""
 
 from __future__ import annotations
 
@@ -86,6 +86,15 @@ def changes_of(signal: CheckedSignal, expected: Array, inputs: Sequence[Array], 
             return f"from about {first} on"
         return f"from about {first} to {last}" if stretch.first else f"until about {last}"
 
+    turned = [np.sign(piece.correlation) if piece and abs(piece.correlation) > LAWFUL else np.nan for piece in pieces]
+    signs = found_in(turned, 1.0)
+    if signs is not None and _at_once(pieces, turned, apart):
+        yield RecordFinding(
+            kind="change of sign", cost=0.96,
+            words=f"{signal.name} goes the other way than elsewhere {where(signs)}",
+            cure="was a plug or a sensor turned round there? import the parts apart, one with sign: -1 in import.yaml",
+        )  # fmt: skip
+        return
     lags = found_in([piece.lag if piece else np.nan for piece in clear], max(SHORTEST_LAG, SHARE * apart))
     scales = found_in([np.log(piece.scale) if piece else np.nan for piece in clear], float(np.log(OTHER_SCALE)))
     if scales is not None:
@@ -114,6 +123,13 @@ def changes_of(signal: CheckedSignal, expected: Array, inputs: Sequence[Array], 
             words=f"{signal.name} has {ratio:.3g} times the noise of the rest {where(noises)}",
             cure="look for what was switched on then; leave that part out (--part)",
         )  # fmt: skip
+
+
+def _at_once(pieces: Sequence[Alignment | None], signs: Sequence[float], apart: int) -> bool:
+    """Whether pieces of either sign are as late: a swing that is half a period late looks turned round, too."""
+    pairs = list(zip(pieces, signs, strict=True))
+    ahead, back = ([piece.lag for piece, sign in pairs if piece and sign == way] for way in (1.0, -1.0))
+    return abs(float(np.median(ahead) - np.median(back))) <= max(SHORTEST_LAG, apart)
 
 
 def _piece(signal: CheckedSignal, expected: Array, part: slice, apart: int) -> Alignment | None:

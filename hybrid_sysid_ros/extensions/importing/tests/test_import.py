@@ -188,6 +188,13 @@ def test_a_long_gap_makes_two_records(imported, tmp_path):
     np.testing.assert_allclose(read(tmp_path, "log_2").output[:, 0], POSITION[250:], atol=1e-9)
 
 
+def test_a_gap_of_no_whole_samples_does_not_make_the_times_uneven(imported, tmp_path):
+    behind = TIME + np.where(np.arange(400) < 200, 0.0, 0.025)
+    said = status_of(imported(table(tmp_path / "log.csv", "time,u,position", behind, DRIVE, POSITION)))
+    assert "a gap is no whole number of samples" in said
+    assert "uneven" not in said
+
+
 def test_uneven_times_are_interpolated_and_coarse_ones_spread(imported, tmp_path):
     uneven = np.cumsum(np.random.default_rng(0).uniform(0.004, 0.016, 400))
     output = 0.05 * np.sin(3.0 * uneven)

@@ -62,6 +62,14 @@ def test_the_equation_is_found_at_any_time_scale(program, tmp_path, monkeypatch,
     assert model.parameters["damping"] == pytest.approx(DAMPING, abs=2e-3)
 
 
+def test_its_numbers_and_units_are_written_as_people_do(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert program("rig", "from", written(tmp_path / "log.csv", 0.02, "time,heater,turn [°]"), "./oven")[0] == 0
+    text = (tmp_path / "oven" / "rig.yaml").read_text(encoding="utf-8")
+    assert "unit: °" in text
+    assert "{step: 0.04, period: 0.04}" in text
+
+
 def test_its_equation_is_simulated_stably_however_fast_it_decays(program, tmp_path, monkeypatch):
     """Towards a lag of first order, the damping of which has no end."""
     monkeypatch.chdir(tmp_path)
