@@ -1,11 +1,11 @@
-/* Messages of joints: their numbers by name, their form when they are written, and which of them are believed. */
+/* Messages of joints: their numbers by name, and their form when they are written. */
 #ifndef JOINTS_H
 #define JOINTS_H
 
 #include "cdr.h"
+#include "validation.h"
 
 #define LARGEST_MESSAGE (1 << 17) /* bytes */
-#define LONGEST_SOURCE 256
 
 /* A number in a message: an entry's, in one of its lists, within its bounds. */
 typedef struct {
@@ -27,24 +27,6 @@ typedef struct {
     const place *places;
 } message_form;
 
-enum reason {
-    TOO_LARGE, UNREADABLE, MALFORMED, NO_ORDER, UNNAMED, UNRELATED, NO_NUMBER, OUT_OF_RANGE, AHEAD, LONG_PAST,
-    BACKWARDS, OTHER, REASONS
-};
-extern const char *const reason_words[REASONS];
-
-enum stamp_order { REFUSED, NEW, DUPLICATE, LATE, RESTART };
-
-/* Which messages of a topic are believed, and which publisher, as in nodes/validation.py. Times are [ns]. */
-typedef struct {
-    bool timed; /* whether stamps are of a clock */
-    int64_t ahead, behind, silence;
-    int64_t stamp, heard, back, offset;
-    bool chosen;
-    char source[LONGEST_SOURCE];
-    long dropped[REASONS];
-} validator;
-
 typedef struct {
     cdr_text source;
     int64_t stamp;
@@ -63,14 +45,6 @@ typedef struct {
     size_t names_size;
     int named;
 } slot_reader;
-
-
-void validator_begin(validator *own, bool timed, double ahead, double behind, double silence);
-void validator_forget(validator *own);
-bool validator_accepts_source(validator *own, cdr_text source);
-void validator_select_source(validator *own, cdr_text source);
-enum stamp_order validator_order(validator *own, int64_t stamp);
-enum stamp_order validator_admit(validator *own, cdr_text source, int64_t stamp);
 
 slot_reader slot_reader_of(const slot *slots, int count, int optional);
 void slot_reader_look(slot_reader *own, const uint8_t *names, size_t size, uint32_t count);
