@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import errno
 import os
+import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
 from mcap.data_stream import RecordBuilder
-from mcap.records import ChunkIndex, DataEnd, Footer
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex, DataEnd, Footer, Message
 from mcap.writer import CompressionType, Writer
 
 from hybrid_sysid_ros.bags.layout import jazzy_types
@@ -96,8 +98,12 @@ CHUNK = 1 << 20  # bytes of messages that are compressed together, unless flush(
 DISTRIBUTION = "jazzy"
 Compression = Literal["zstd", "lz4", ""]
 """Compression of chunks; "": none."""
-PLACE = "_Writer__chunk_indices"
-"""The attribute in which the mcap library collects the index of a file."""
+PLACE, PART = "_Writer__chunk_indices", "_Writer__chunk_builder"
+"""Attributes in which the mcap library collects the index of a file, and the messages of a chunk."""
+MESSAGE, ENTRY = struct.Struct("<BQHIQQ"), struct.Struct("<QQ")
+"""Head of a message, and its entry in a chunk's index, as the format has them."""
+HEAD = 22
+"""Bytes of a message's head behind its length."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,6 +162,41 @@ class ChunkIndices:
         builder.write(self._records)
 
 
+@dataclass(eq=False)
+class PackedIndex:
+    """Index of a channel's messages in a chunk, in the form in which it is stored."""
+
+    channel: int
+    entries: bytearray = field(default_factory=bytearray)
+
+    def write(self, builder: RecordBuilder) -> None:
+        builder.start_record(Opcode.MESSAGE_INDEX)
+        builder.write2(self.channel)
+        builder.write4(len(self.entries))
+        builder.write(self.entries)
+        builder.finish_record()
+
+
+class PackedChunk:
+    """Adds messages to a chunk of the library, each packed at once: field by field it takes twice as long."""
+
+    def __init__(self, chunk: Any) -> None:
+        self._chunk = chunk
+
+    def __call__(self, message: Message) -> None:
+        chunk, logged = self._chunk, message.log_time
+        chunk.message_start_time = min(chunk.message_start_time, logged) if chunk.num_messages else logged
+        chunk.message_end_time = max(chunk.message_end_time, logged)
+        index = chunk.message_indices.get(message.channel_id)
+        if index is None:
+            index = chunk.message_indices[message.channel_id] = PackedIndex(message.channel_id)
+        index.entries += ENTRY.pack(logged, chunk.record_writer.count)
+        numbers = message.channel_id, message.sequence, logged, message.publish_time
+        chunk.record_writer.write(MESSAGE.pack(Opcode.MESSAGE, HEAD + len(message.data), *numbers))
+        chunk.record_writer.write(message.data)
+        chunk.num_messages += 1
+
+
 class Storage:
     """An MCAP file that is being written; its name is relative to the bag's folder."""
 
@@ -168,6 +209,8 @@ class Storage:
         self._writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType[compression.upper() or "NONE"])
         if hasattr(self._writer, PLACE):
             setattr(self._writer, PLACE, ChunkIndices())
+        if (chunk := getattr(self._writer, PART, None)) is not None:
+            chunk.add_message = PackedChunk(chunk)
         self._writer.start(profile="ros2")
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
