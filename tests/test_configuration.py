@@ -126,6 +126,23 @@ def test_a_model_that_holds_at_one_step_is_predicted_by_its_own(rig: Rig) -> Non
         configuration.mpc_problem(values | {"period": 0.006}, rig, model)
 
 
+def test_a_prediction_takes_steps_in_which_its_fastest_mode_decays() -> None:
+    """The engine's poles are w (-z +- i sqrt(1 - z^2)), and a step multiplies a mode by 1 + a + a^2/2 + a^3/6 + a^4/24
+    of a = pole h.
+    """
+    rig = load("winged_cone")
+    values = configuration.defaults(rig.name, "controller")
+    named = rig.system.named
+    w, z = named["engine_rate"], named["engine_damping"]
+    problem = configuration.mpc_problem(values, rig, configuration.controller_model(rig, rig.system))
+    stable = [
+        abs(np.polyval([1 / 24, 1 / 6, 1 / 2, 1, 1], w * complex(-z, np.sqrt(1 - z**2)) * problem.period / count)) < 1.0
+        for count in (problem.substeps - 1, problem.substeps)
+    ]
+    assert values["substeps"] < problem.substeps
+    assert stable == [False, True]
+
+
 @pytest.mark.parametrize("node", NODES)
 def test_every_parameter_is_described_and_its_default_allowed(node: str) -> None:
     for name, parameter in configuration.parameters("cam_beam", node).items():

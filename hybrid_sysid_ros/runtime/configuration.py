@@ -18,6 +18,7 @@ from hybrid_sysid_ros.control.safety.guarding import RECENT
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.waiting_inputs import WaitingInputs
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.rollout import step_with_jacobian
 from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, feedback_of, offset_of
 from hybrid_sysid_ros.estimation import SensorChannel, Tuning
 from hybrid_sysid_ros.models import Model
@@ -50,6 +51,8 @@ OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 AT_FIRST = 10.0
 """Initial deviation of a state or an offset, in units of its drift in one second: as much as it drifts in 100 s."""
+FINEST = 100
+"""Most steps in an interval of a prediction."""
 NONE = 1e9
 """A bound of a state that is at least this large counts as no bound."""
 RESUME_SECONDS = 1.0
@@ -158,10 +161,9 @@ def _drifts(text: str, known: Sequence[str]) -> dict[str, float]:
 def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> ControlProblem:
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighted in display units.
 
-    system: the MPC's model, by default the rig's system. States that only the model has are unbounded. A model that
-    holds only at its own step is predicted with that step, whatever `substeps` is. Where `limits` is `rig`, the rig's
-    travel and validity bound the states softly, and the rates of its actuators the changes of inputs, unless a
-    stabiliser has a part in these. The section mpc of the rig's file declares further terms.
+    system: the MPC's model, by default the rig's system. States that only the model has are unbounded. Where `limits`
+    is `rig`, the rig's travel and validity bound the states softly, and the rates of its actuators the changes of
+    inputs, unless a stabiliser has a part in these. The section mpc of the rig's file declares further terms.
     Raises UserError for a number that makes no valid problem.
     """
     system = system or rig.system
@@ -206,9 +208,23 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
 
 
 def _substeps(values: Mapping[str, Any], system: System) -> int:
-    """Steps in an interval: a whole number of the model's own steps where it has them, else `substeps`."""
-    own = system.sampling_time
-    return int(values["substeps"]) if own is None else max(1, round(values["period"] / own))
+    """Steps in an interval: a whole number of the model's own steps where it has them, else the fewest from `substeps`
+    on in which nothing about zero grows that does not grow in FINEST: an explicit step is stable only where it is short
+    beside the fastest mode (Hairer and Wanner 1996, Solving ODEs II, section IV.2).
+    """
+    if system.sampling_time is not None:
+        return max(1, round(values["period"] / system.sampling_time))
+    given, zero = int(values["substeps"]), (np.zeros(len(system.states)), np.zeros(len(system.inputs)))
+
+    def growth(count: int) -> float:
+        step = values["period"] / count
+        _, jacobian = step_with_jacobian(system, *zero, step=step, smoothing=values["smoothing"])
+        transition = jacobian[:, : len(system.states)]
+        finite = np.isfinite(transition).all()
+        return float(np.max(np.abs(np.linalg.eigvals(transition)))) ** count if finite else math.nan
+
+    bound = 1.1 * growth(FINEST)
+    return next((count for count in range(given, FINEST) if not growth(count) > bound), given)
 
 
 def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: ControlProblem) -> Tolerances:

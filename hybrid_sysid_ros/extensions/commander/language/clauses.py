@@ -19,8 +19,8 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("to_name", "[TW]?K?GK?"),
     ("condition", "Z|z[KO]?T?Q"),
     ("between", "B(?:[KO]o?)?Q[jT]Q"),
-    ("range", "[Fo](?:[KO]o?)?QTQ"),
-    ("range", "QTQ"),
+    ("range", "[Fo](?:[KO]o?)?QU?TQ"),
+    ("span", "QU?TQ"),
     ("plus_minus", "[WY]?pQ"),
     ("around", "A(?:[KO]o?)?Q"),
     ("share", "[TWY]?(?:Q|S)o?[NXx](?:o?[KO])?"),
@@ -60,6 +60,8 @@ PATTERNS: Sequence[tuple[str, str]] = (  # in letters of lexicon.ROLES and NOUNS
     ("and", "(?!^)j(?!$)"),
 )
 """What symbols in a row come to; the first that fits is taken."""
+ENDS = ("between", "range", "span")
+"""Slots of two values."""
 _COMPILED = tuple((slot, re.compile(pattern)) for slot, pattern in PATTERNS)
 
 
@@ -207,7 +209,7 @@ class _Matcher:
         if slot == "condition":
             reached = self.quantity(quantities[0], "to", text, output=output) if quantities else None
             made.condition = (part[0].value, reached)
-        elif slot in ("between", "range"):
+        elif slot in ENDS:
             made.quantities += [self.quantity(said, slot, text, output=output) for said in quantities]
         elif slot == "share":
             self.share(part, letters, text)
@@ -281,15 +283,18 @@ class _Matcher:
         return not (self.made.verbs or self.made.targets or self.made.directions or self.made.quantities)
 
     def paces(self, quantities: Sequence[tuple[float, Unit | None]]) -> bool:
-        """Whether the last of some quantities says how fast or often, and one before it does not."""
+        """Whether the last of some quantities says how fast or often, and one before it does not. Beside another value a
+        unit of both kinds may say either, which is asked later.
+        """
         own = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
         rates = [unit.rate for unit in own]
 
         def is_pace(unit: Unit | None) -> bool:
             if unit is None or unit.base == FREQUENCY:
                 return unit is not None
-            return any(map(unit.alike, rates)) and not any(map(unit.alike, own))
+            return any(map(unit.alike, rates)) and (beside or not any(map(unit.alike, own)))
 
+        beside = bool(self.made.quantities) and not self.made.targets
         *before, (_, last) = quantities or [(0.0, None)]
         return is_pace(last) and not any(unit is None or is_pace(unit) for _, unit in before)
 

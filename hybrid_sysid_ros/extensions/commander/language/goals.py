@@ -103,6 +103,8 @@ class Goals(Values):
                 found.append(Goal(output=output, value=factor * shown.high, toward=sign))
                 continue
             elif not share.of and not halving:
+                if factor > 1.0:
+                    raise UserError(f"{share.text!r}: say 'double it', or 'repeat' for what was done once more")
                 raise UserError(
                     f"{share.text!r} of what it is now, or of the range? say 'halve it', or 'go to "
                     f"{factor * shown.high:.4g} {shown.unit}'"

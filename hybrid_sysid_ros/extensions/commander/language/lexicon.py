@@ -30,7 +30,7 @@ NOUNS = {
     "frequency": "f", "period": "q",
 }  # fmt: skip
 SHARES = {"half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "double": 2.0, "triple": 3.0}
-CONDITION = ("once", "until", "settled", "it_is", "reaches")
+CONDITION = ("once", "if", "until", "settled", "it_is", "reaches")
 """Parts of a condition, which mean nothing apart."""
 
 

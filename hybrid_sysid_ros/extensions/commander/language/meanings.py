@@ -261,7 +261,7 @@ class Meaning(Goals):
     def move(self, shape: str) -> commands.Move:
         """To one or several goals."""
         begin = self.one("from")
-        for item in [each for each in self.left if each.role == "range"]:
+        for item in [each for each in self.left if each.role in ("range", "span")]:
             self.left.remove(item)
             if begin is None:
                 begin = item

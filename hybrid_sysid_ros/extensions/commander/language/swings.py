@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import Quantity
+from hybrid_sysid_ros.extensions.commander.language.clauses import ENDS, Quantity
 from hybrid_sysid_ros.extensions.commander.language.commands import Swing
 from hybrid_sysid_ros.extensions.commander.language.values import SHORTEST, Values
 from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, TIME
@@ -60,7 +60,7 @@ class SwingMeaning:
         """The first and, of a chirp, the last one [Hz]."""
         values = self.values
         if self.verb == "chirp":
-            ends = [item for item in values.left if item.role in ("between", "range") and FREQUENCY in self.bases(item)]
+            ends = [item for item in values.left if item.role in ENDS and FREQUENCY in self.bases(item)]
             if len(ends) != 2:
                 raise UserError(
                     "chirp over which frequencies? say 'chirp from 0.1 to 2 Hz with an amplitude of 1 for 20 s'"
@@ -106,9 +106,7 @@ class SwingMeaning:
     def range(self) -> tuple[float, float, int, bool]:
         """Between which values of which output, and whether they count from where it is."""
         values = self.values
-        ends = [
-            item for item in values.left if item.role in ("between", "range", "from", "to") and item.kind != "amplitude"
-        ]
+        ends = [item for item in values.left if item.role in (*ENDS, "from", "to") and item.kind != "amplitude"]
         centre, span = values.one("around"), None
         if not ends:
             span = values.take(self.is_span)

@@ -8,7 +8,7 @@ from typing import Any
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.quantities import QuantityReader, Token
-from hybrid_sysid_ros.extensions.commander.language.stops import folded
+from hybrid_sysid_ros.extensions.commander.language.stops import folded, stop_in
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -114,7 +114,7 @@ class _Reader(QuantityReader):
 
     def mended(self, k: int, word: str, known: frozenset[str], after_number: bool) -> str:
         """The known word that a slip stands for. Raises UserError where there is none, or there are several."""
-        candidates = meant(word, known)
+        candidates = () if stop_in(word) else meant(word, known)  # "release" is no slip of "reverse"
         single = {**self.lexicon.meanings, **self.vocabulary.phrases}
         own = tuple(each for each in candidates if (each,) in single)
         units = tuple(each for each in candidates if (each,) in self.lexicon.units)
@@ -237,7 +237,8 @@ class _Reader(QuantityReader):
         if self.longest(self.lexicon.meanings) > begin:
             return False  # "once more"
         reaches = max(self.longest(parts["reaches"], skip=begin), self.longest(parts["reaches"], skip=count))
-        if (settled := self.longest(parts["settled"], skip=count)) and settled >= reaches:
+        settled = 0 if tuple(start.split()) in parts["if"] else self.longest(parts["settled"], skip=count)
+        if settled and settled >= reaches:
             self.at += count + settled
             self.found.append(Symbol("Z", when, f"{start} it is still"))
             return True

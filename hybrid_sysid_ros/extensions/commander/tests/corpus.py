@@ -328,6 +328,12 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "senoide de 4 Vpp a 1 Hz por 5 s", [swing(-2, 2, 1, 5)]),
     (CONE, "level off", [wait(0)]),
     (CONE, "accelerate to 300 m", Refused("is no speed")),
+    (JOINT, "release", [STOP]),  # no slip of "reverse"
+    (JOINT, "pause", [STOP]),
+    (DRILL, "6 to 8 rad/s", Refused("no verb")),
+    (BEAM, "spin down to 2 V", Refused("above")),
+    (BEAM, "go to 2 V if it is still", Refused("nobody watches")),
+    (CONE, "vá para 300 m a 10 m/s", Refused("how fast")),
     (CONE, "acelere para 20 m/s", [go(20, "speed")]),
     (BEAM, "ramp up at 1 V/s for 3 s", Refused("says how fast")),
     (BEAM, "go to 3 V very slowly", [go(3, pace="slowly")]),
