@@ -283,8 +283,8 @@ class _Matcher:
         return not (self.made.verbs or self.made.targets or self.made.directions or self.made.quantities)
 
     def paces(self, quantities: Sequence[tuple[float, Unit | None]]) -> bool:
-        """Whether the last of some quantities says how fast or often, and one before it does not. Beside another value a
-        unit of both kinds may say either, which is asked later.
+        """Whether the last of some quantities says how fast or often, and one before it does not. Beside another value
+        a unit of both kinds may say either, which is asked later.
         """
         own = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
         rates = [unit.rate for unit in own]
