@@ -13,6 +13,7 @@ from hybrid_sysid_ros.extensions.vision.camera.painting import grid_around, pain
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import EXPLAINED, AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import unknown_shake
 from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, PictureLayers
+from hybrid_sysid_ros.extensions.vision.reading.pivot import LONGEST, PIVOTED, PivotWay, pivoted
 from hybrid_sysid_ros.extensions.vision.reading.regression import (
     Film,
     median_picture,
@@ -30,11 +31,8 @@ RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
 ROUNDS, MOST_ROUNDS = 4, 24
 """Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
 DIM = 0.3  # of the light of most pictures: what is darker is left out
-PIVOTED = 0.03  # pixels: as far as 50 pictures tell four numbers, each of which shows a place to .1
 UNSETTLED = 0.3
 """Pixels: a pivot that surely is still farther on its way, or moves more, bends the angles."""
-ONWARD = 0.9  # cosine between two steps, above which they go one way, and are not noise
-LONGEST = 5.0  # times what the pictures show of a pivot's way, as layers that were learned about a wrong one hide most
 BROAD = 12
 """Waves around the pivot: what is as broad as half of one is no sprite that swings, but somebody who comes by."""
 PASSES = 6  # of sharpening in a round
@@ -44,12 +42,11 @@ FEWEST = 40
 NARROWEST = 240
 """Columns of a picture: at 160 the first angles have come out mirrored."""
 LEAST_MASS = 0.03  # of the ring with most, of one that the sprite reaches
-FARTHEST_PIVOT = 0.05  # widths: how far the scene's pivot may be off, a standard deviation
-FARTHEST_MOVE = 10.0  # pixels, of the sprite in one picture
-SEEN_MOVE = 0.1  # pixels: how well a picture says where the sprite lies
 SMALLEST_SWING = 3.0  # pixels of the sprite's end: what moves less is no motion to learn from
 ITS_REACH = (0.7, 1.4)
 """Of the scene's sprite, between which that of what was learned lies: drawings are rough, other rigs are others."""
+FULL = 2.0 * math.pi
+"""A turn [rad]."""
 NO_AXIS = 0.1  # of a sprite's second moments: it is as long as broad
 
 
@@ -70,59 +67,18 @@ def learn(
     """
     if len(film) < FEWEST:
         raise UserError(f"{len(film)} pictures are too few to learn layers from: {FEWEST} at least")
-    scene, (_, rows, columns) = scene_of(rig), film.shape
+    scene, columns = scene_of(rig), film.shape[2]
     if columns < NARROWEST:
-        raise UserError(f"pictures of {columns}x{rows} pixels are too small to learn layers from: {NARROWEST} columns")
-    pivot = np.array(scene.pivot) * columns - 0.5
+        raise UserError(
+            f"pictures of {columns}x{film.shape[1]} pixels are too small to learn layers from: {NARROWEST} columns"
+        )
     progress("median")
     lights = _lights(film)
     lit = lights > DIM * np.median(lights)
     if not lit.all() and lit.sum() >= FEWEST:
         film, lights = film[lit], _lights(film[lit])
-    still = median_picture(film, lights)
-    few = zip(film[::7], lights[::7], strict=True)
-    left = [np.abs(picture / light - still).astype(np.float32) for picture, light in few]
-    noise = max(float(np.median(left)) / 0.6745, 0.5)
-    progress("first angles")
-    angles, reach = _first_angles(film, lights, still, noise, tuple(pivot.tolist()), _span(rig, scene.joint))
-    if not float(np.ptp(angles)) * reach > SMALLEST_SWING:
-        raise UserError("nothing that turns is seen in the pictures: is it the rig's video, and does the rig move?")
-    span = _span(rig, scene.joint)
-    full = span >= 2.0 * math.pi
-    geometry = Geometry(
-        rig=rig.name, joint=scene.joint, pivot_x=float(pivot[0]), pivot_y=float(pivot[1]), first_u=0.0, first_v=0.0,
-        low=0.0, high=2.0 * math.pi if full else 0.0, noise=noise, readout=readout,
-    )  # fmt: skip
-    layers = _outlined(film, lights, angles, still, geometry, reach)
-    tilt, clear = _axis(layers.alpha, *_coordinates(layers))
-    if clear > NO_AXIS:  # a sprite that lies along its texels' rows is blurred least between them
-        angles = angles - tilt
-        layers = _outlined(film, lights, angles, still, geometry, reach)
-    gains = np.tile(lights[:, None], (1, rows))
-    good = np.ones(len(film), dtype=bool)
-    way = PivotWay()
-    for turn in range(MOST_ROUNDS):
-        progress(f"layers, round {turn + 1}")
-        layers = _regressed(film[good], gains[good], angles[good], layers)
-        if not full:
-            low, high = float(angles[good].min()), float(angles[good].max())
-            layers = replace(layers, geometry=replace(layers.geometry, low=low, high=high))
-        reader = AngleReader(layers)
-        explained = np.zeros(len(film))
-        for k, picture in enumerate(film):
-            reading = reader.read(picture)
-            gains[k], explained[k] = reader.gains, reading.explained
-            angles[k] = reading.angle if reading.found else angles[k]
-        good = explained >= EXPLAINED
-        if good.sum() < len(film) / 2:
-            raise UserError(
-                f"what moves in the pictures is not one body that turns about a pivot: layers explain "
-                f"{good.sum()} of {len(film)} pictures; is it a video of {rig.name}?"
-            )
-        gains[good] /= np.median(gains[good])
-        if turn == MOST_ROUNDS - 1 or (turn >= ROUNDS - 1 and way.left < PIVOTED):
-            break
-        layers, angles[good] = _pivoted(film[good], gains[good], angles[good], layers, reader, way)
+    layers, angles = _first_layers(film, lights, rig, readout, progress)
+    layers, way = _improved(film, lights, angles, layers, progress)
     share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
     # pictures show one LONGEST of the way at least; where the pivot moves, angles are those that hang on none
     settled = way.left <= max(UNSETTLED, LONGEST * way.unsure)
@@ -142,6 +98,71 @@ def learn(
     return replace(layers, geometry=replace(layers.geometry, zero=_zero(layers, rig))), angles
 
 
+def _first_layers(
+    film: Film, lights: Array, rig: Rig, readout: float, progress: Callable[[str], object]
+) -> tuple[PictureLayers, Array]:
+    """Layers about the scene's pivot, and the angles (pictures,) [rad] of what differs from the median.
+
+    Raises UserError where nothing turns.
+    """
+    scene = scene_of(rig)
+    pivot, span = np.array(scene.pivot) * film.shape[2] - 0.5, _span(rig, scene.joint)
+    still = median_picture(film, lights)
+    few = zip(film[::7], lights[::7], strict=True)
+    left = [np.abs(picture / light - still).astype(np.float32) for picture, light in few]
+    noise = max(float(np.median(left)) / 0.6745, 0.5)
+    progress("first angles")
+    angles, reach = _first_angles(film, lights, still, noise, tuple(pivot.tolist()), span)
+    if not float(np.ptp(angles)) * reach > SMALLEST_SWING:
+        raise UserError("nothing that turns is seen in the pictures: is it the rig's video, and does the rig move?")
+    geometry = Geometry(
+        rig=rig.name, joint=scene.joint, pivot_x=float(pivot[0]), pivot_y=float(pivot[1]), first_u=0.0, first_v=0.0,
+        low=0.0, high=FULL if span >= FULL else 0.0, noise=noise, readout=readout,
+    )  # fmt: skip
+    layers = _outlined(film, lights, angles, still, geometry, reach)
+    tilt, clear = _axis(layers.alpha, *_coordinates(layers))
+    if clear > NO_AXIS:  # a sprite that lies along its texels' rows is blurred least between them
+        angles = angles - tilt
+        layers = _outlined(film, lights, angles, still, geometry, reach)
+    return layers, angles
+
+
+def _improved(
+    film: Film, lights: Array, angles: Array, layers: PictureLayers, progress: Callable[[str], object]
+) -> tuple[PictureLayers, PivotWay]:
+    """Background, sprite, angles and pivot improved in turn, and the pivot's way; angles (pictures,) [rad] change.
+
+    Raises UserError where the layers don't explain half of the pictures.
+    """
+    full = layers.geometry.high >= FULL
+    gains = np.tile(lights[:, None], (1, film.shape[1]))
+    good = np.ones(len(film), dtype=bool)
+    way = PivotWay()
+    for turn in range(MOST_ROUNDS):
+        progress(f"layers, round {turn + 1}")
+        layers = _regressed(film[good], gains[good], angles[good], layers)
+        if not full:
+            low, high = float(angles[good].min()), float(angles[good].max())
+            layers = replace(layers, geometry=replace(layers.geometry, low=low, high=high))
+        reader = AngleReader(layers)
+        explained = np.zeros(len(film))
+        for k, picture in enumerate(film):
+            reading = reader.read(picture)
+            gains[k], explained[k] = reader.gains, reading.explained
+            angles[k] = reading.angle if reading.found else angles[k]
+        good = explained >= EXPLAINED
+        if good.sum() < len(film) / 2:
+            raise UserError(
+                f"what moves in the pictures is not one body that turns about a pivot: layers explain "
+                f"{good.sum()} of {len(film)} pictures; is it a video of {layers.geometry.rig}?"
+            )
+        gains[good] /= np.median(gains[good])
+        if turn == MOST_ROUNDS - 1 or (turn >= ROUNDS - 1 and way.left < PIVOTED):
+            break
+        layers, angles[good] = pivoted(film[good], gains[good], angles[good], layers, reader, way)
+    return layers, way
+
+
 def _lights(film: Film) -> Array:
     """Light of each picture (pictures,), the mean is 1."""
     few = film[:, ::8, ::8].reshape(len(film), -1).astype(float)
@@ -154,9 +175,9 @@ def _span(rig: Rig, joint: str) -> float:
     """How far apart two angles of a joint may be [rad]; a full turn where nothing stops it."""
     names, position = [item.name for item in rig.system.states], rig.joints.joints[joint].position
     if position not in names:
-        return 2.0 * math.pi
+        return FULL
     low, high = rig.travel[:, names.index(position)].tolist()
-    return min(high - low, 2.0 * math.pi)
+    return min(high - low, FULL)
 
 
 def _first_angles(
@@ -170,7 +191,7 @@ def _first_angles(
     """
     (rows, columns), best = still.shape, (np.zeros(len(film)), 1.0)
     radius = max(math.hypot(x - pivot[0], y - pivot[1]) for x in (0, columns) for y in (0, rows))
-    most = min(round(span / (2.0 * math.pi) * DIRECTIONS), DIRECTIONS // 2)
+    most = min(round(span / FULL * DIRECTIONS), DIRECTIONS // 2)
     for sign in (1.0, -1.0):
         maps = polar_maps(film, lights, still, pivot, (RINGS, DIRECTIONS), radius, 4.0 * noise + 6.0, sign)
         mass = maps.sum(axis=(0, 2))
@@ -250,70 +271,6 @@ def _regressed(film: Film, gains: Array, angles: Array, layers: PictureLayers) -
         near |= np.roll(near, 1, axis) | np.roll(near, -1, axis)
     sharpen(film, gains, angles, background, layers.pivot, layers.first, near, noise, PASSES, alpha, texture)
     return PictureLayers(geometry=layers.geometry, background=background, alpha=alpha, texture=texture)
-
-
-class PivotWay:
-    """Way of the pivot from round to round. Layers that were learned about a wrong pivot agree with it in part, so that
-    pictures show only a share of the way; two rounds tell that share (a secant step, as Aitken's).
-    """
-
-    def __init__(self) -> None:
-        self.left = math.inf
-        """How far the sprite is still to be moved in the pictures, rms [pixels]."""
-        self.wander = 0.0
-        """How far it moves beside what turns about one pivot, rms, as most pictures show it [pixels],"""
-        self.unsure = 0.0
-        """and how uncertain a step is by that [pixels]."""
-        self._before, self._longer, self._last = np.zeros(4), 1.0, math.inf
-
-    def step(self, shown: Array, moves: Array, places: Array) -> Array:
-        """The step to take (4,), by what the pictures show of it; moves: by how much a step moves the sprite in the
-        pictures along each axis (2 pictures, 4), as a swing that is small tells not all of it; places (2 pictures,):
-        where it lies in them, to which the step was fitted, so that what is left tells how sure that is.
-        """
-        before, now = moves @ self._before, moves @ shown
-        self.wander = math.sqrt(2.0) * float(np.median(np.abs(places - now))) / 0.6745
-        self.unsure = self.wander * math.sqrt(len(shown) / len(now))
-        along, both = float(now @ before), float(np.sqrt((now @ now) * (before @ before)))
-        seen = float(np.sqrt(2.0 * np.mean(now**2)))
-        if seen > PIVOTED and along > ONWARD * both:  # smaller steps go one way by chance
-            share = (1.0 - along / float(before @ before)) / self._longer
-            self._longer = max(min(1.0 / max(share, 1.0 / LONGEST), LONGEST), 1.0)
-        else:
-            self._longer = 1.0
-        self._before = shown
-        size = self._longer * seen
-        self.left, self._last = max(size, self._last), size  # one small step may be its turning
-        return self._longer * shown
-
-
-def _pivoted(
-    film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader, way: PivotWay
-) -> tuple[PictureLayers, Array]:
-    """The pivot moved to where the sprite turns about, and the angles (pictures,) about that: with a pivot p + e and
-    texels u + d the sprite lies e + R(angle) d beside its place, and least squares over all pictures tells e, as far as
-    the angles do.
-    """
-    free = [reader.read_freely(*each) for each in zip(film, angles, gains, strict=True)]
-    known = np.array([math.isfinite(item.angle) for item in free])
-    angles = np.where(known, [item.angle for item in free], angles)
-    moves = np.clip(np.array([[item.x, item.y] for item in free])[known], -FARTHEST_MOVE, FARTHEST_MOVE)
-    cos, sin = np.cos(angles[known]), -np.sin(angles[known])
-    zero, one = np.zeros(len(cos)), np.ones(len(cos))
-    along = np.column_stack([one, zero, cos, -sin])
-    down = np.column_stack([zero, one, sin, cos])
-    prior = np.zeros((2, 4))
-    prior[0, 0] = prior[1, 1] = SEEN_MOVE / (FARTHEST_PIVOT * film.shape[2])
-    regressors = np.vstack([along, down])
-    lies = np.concatenate(moves.T)
-    solved = np.linalg.lstsq(np.vstack([regressors, prior]), np.append(lies, [0.0, 0.0]), rcond=None)[0]
-    step = way.step(solved, regressors, lies)
-    places = (*layers.pivot, *layers.first)
-    x, y, u, v = (place + float(move) for place, move in zip(places, step, strict=True))
-    layers = replace(layers, geometry=replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v))
-    nearer = AngleReader(layers)
-    read = [nearer.read_near(*each).angle for each in zip(film, angles, gains, strict=True)]
-    return layers, np.where(np.isfinite(read), read, angles)
 
 
 def _zero(layers: PictureLayers, rig: Rig) -> float:

@@ -9,7 +9,8 @@ import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, PivotWay, learn
+from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, learn
+from hybrid_sysid_ros.extensions.vision.reading.pivot import PivotWay
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.scene import scene_of, with_pivot
 from hybrid_sysid_ros.rigs.rig import load

@@ -1,0 +1,84 @@
+"""The place about which a sprite turns, as its pictures show it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
+from hybrid_sysid_ros.extensions.vision.reading.regression import Film
+from hybrid_sysid_ros.support.arrays import Array
+
+PIVOTED = 0.03  # pixels: as far as 50 pictures tell four numbers, each of which shows a place to .1
+ONWARD = 0.9  # cosine between two steps, above which they go one way, and are not noise
+LONGEST = 5.0  # times what the pictures show of a pivot's way, as layers that were learned about a wrong one hide most
+FARTHEST_PIVOT = 0.05  # widths: how far the scene's pivot may be off, a standard deviation
+FARTHEST_MOVE = 10.0  # pixels, of the sprite in one picture
+SEEN_MOVE = 0.1  # pixels: how well a picture says where the sprite lies
+
+
+class PivotWay:
+    """Way of the pivot from round to round. Layers that were learned about a wrong pivot agree with it in part, so that
+    pictures show only a share of the way; two rounds tell that share (a secant step, as Aitken's).
+    """
+
+    def __init__(self) -> None:
+        self.left = math.inf
+        """How far the sprite is still to be moved in the pictures, rms [pixels]."""
+        self.wander = 0.0
+        """How far it moves beside what turns about one pivot, rms, as most pictures show it [pixels],"""
+        self.unsure = 0.0
+        """and how uncertain a step is by that [pixels]."""
+        self._before, self._longer, self._last = np.zeros(4), 1.0, math.inf
+
+    def step(self, shown: Array, moves: Array, places: Array) -> Array:
+        """The step to take (4,), by what the pictures show of it; moves: by how much a step moves the sprite in the
+        pictures along each axis (2 pictures, 4), as a swing that is small tells not all of it; places (2 pictures,):
+        where it lies in them, to which the step was fitted, so that what is left tells how sure that is.
+        """
+        before, now = moves @ self._before, moves @ shown
+        self.wander = math.sqrt(2.0) * float(np.median(np.abs(places - now))) / 0.6745
+        self.unsure = self.wander * math.sqrt(len(shown) / len(now))
+        along, both = float(now @ before), float(np.sqrt((now @ now) * (before @ before)))
+        seen = float(np.sqrt(2.0 * np.mean(now**2)))
+        if seen > PIVOTED and along > ONWARD * both:  # smaller steps go one way by chance
+            share = (1.0 - along / float(before @ before)) / self._longer
+            self._longer = max(min(1.0 / max(share, 1.0 / LONGEST), LONGEST), 1.0)
+        else:
+            self._longer = 1.0
+        self._before = shown
+        size = self._longer * seen
+        self.left, self._last = max(size, self._last), size  # one small step may be its turning
+        return self._longer * shown
+
+
+def pivoted(
+    film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader, way: PivotWay
+) -> tuple[PictureLayers, Array]:
+    """The pivot moved to where the sprite turns about, and the angles (pictures,) about that: with a pivot p + e and
+    texels u + d the sprite lies e + R(angle) d beside its place, and least squares over all pictures tells e, as far as
+    the angles do.
+    """
+    free = [reader.read_freely(*each) for each in zip(film, angles, gains, strict=True)]
+    known = np.array([math.isfinite(item.angle) for item in free])
+    angles = np.where(known, [item.angle for item in free], angles)
+    moves = np.clip(np.array([[item.x, item.y] for item in free])[known], -FARTHEST_MOVE, FARTHEST_MOVE)
+    cos, sin = np.cos(angles[known]), -np.sin(angles[known])
+    zero, one = np.zeros(len(cos)), np.ones(len(cos))
+    along = np.column_stack([one, zero, cos, -sin])
+    down = np.column_stack([zero, one, sin, cos])
+    prior = np.zeros((2, 4))
+    prior[0, 0] = prior[1, 1] = SEEN_MOVE / (FARTHEST_PIVOT * film.shape[2])
+    regressors = np.vstack([along, down])
+    lies = np.concatenate(moves.T)
+    solved = np.linalg.lstsq(np.vstack([regressors, prior]), np.append(lies, [0.0, 0.0]), rcond=None)[0]
+    step = way.step(solved, regressors, lies)
+    places = (*layers.pivot, *layers.first)
+    x, y, u, v = (place + float(move) for place, move in zip(places, step, strict=True))
+    layers = replace(layers, geometry=replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v))
+    nearer = AngleReader(layers)
+    read = [nearer.read_near(*each).angle for each in zip(film, angles, gains, strict=True)]
+    return layers, np.where(np.isfinite(read), read, angles)
