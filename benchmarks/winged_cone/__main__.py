@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import parts, result
-from benchmarks.winged_cone import autopilot, control, hybrids, identification, regions
+from benchmarks.winged_cone import autopilot, control, hybrids, identification, processes, regions
 from hybrid_sysid_ros.rigs.rig import Rig
 
 
@@ -48,6 +48,11 @@ def _regions(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     return found, regions.tables(found)
 
 
+def _processes(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = processes.measured(rig)
+    return found, [processes.table(found)]
+
+
 PARTS = {
     "autopilot": _autopilot,
     "scheduled": _scheduled,
@@ -56,6 +61,7 @@ PARTS = {
     "regions": _regions,
     "mpc": _mpc,
     "mpc_timing": _mpc_timing,
+    "processes": _processes,
 }
 main = partial(parts.run, "winged_cone", PARTS)
 

@@ -101,10 +101,10 @@ def problem_of(rig: Rig, system: System) -> ControlProblem:
     return configuration.mpc_problem(configuration.defaults(rig, "controller"), rig, system)
 
 
-def mpc_of(rig: Rig, model: Model, **changes: Any) -> ExactMpc:
+def mpc_of(rig: Rig, model: Model, *, real_time: bool = True, **changes: Any) -> ExactMpc:
     """The exact MPC of a model as the rig's file has it; changes: of its problem."""
-    system, settings = controller_model(rig, model.system), configuration.defaults(rig, "controller")
-    return ExactMpc(system, replace(problem_of(rig, system), **changes), real_time=settings["real_time"])
+    system = controller_model(rig, model.system)
+    return ExactMpc(system, replace(problem_of(rig, system), **changes), real_time=real_time)
 
 
 def measures(rig: Rig, loop: ClosedLoop) -> list[float]:
@@ -195,8 +195,8 @@ def timing(rig: Rig) -> dict[str, Any]:
     model = load_model(configuration.shipped(RIG, "model"))
     system = controller_model(rig, model.system)
     problem = problem_of(rig, system)
-    beside = Beside(ExactMpc(system, problem), InteriorPointMpc(system, problem, tolerance=1e-8))
-    quick = Timed(ExactMpc(system, problem, real_time=True))
+    beside = Beside(mpc_of(rig, model, real_time=False), InteriorPointMpc(system, problem, tolerance=1e-8))
+    quick = Timed(mpc_of(rig, model))
     exact, ipopt = fastest(rig, model, beside, beside.seconds, beside.others)
     (feedback,) = fastest(rig, model, quick, quick.seconds)
     apart = zip(system.inputs, np.max(beside.apart, axis=0), strict=True)
