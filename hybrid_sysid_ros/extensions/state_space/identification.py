@@ -17,6 +17,7 @@ from hybrid_sysid_ros.extensions.state_space.periods import spectrum_of
 from hybrid_sysid_ros.extensions.state_space.refinement import Refined, refine, unit_states, weights_of, without_last
 from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
 from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
+from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -84,32 +85,43 @@ def identify_state_space(
         calmed = [*stretches, _calm(start.level, met, len(inputs))]
         best = _refined(weights_of(start, linear), linear, calmed, selection, settings, "linear", tell)
         best = without_last(best, linear, stretches)
-        count, sizes = best.evaluations, linear
+        count, sizes = best.evaluations, replace(linear, units=settings.units, power=settings.power)
+
+        def system_of(fit: Refined) -> StateSpace:
+            return StateSpace(
+                period=records[0].sampling.period,
+                outputs=outputs,
+                inputs=inputs,
+                order=order,
+                units=sizes.units,
+                power=sizes.power,
+                dead=dead,
+                scales=scales,
+                trials=tuple((float(item.order), item.error, item.spread) for item in selection.trials),
+                map_weights=unit_states(fit.weights, sizes, stretches, fit.firsts)[0],
+            )
+
         if settings.units:
-            sizes = replace(linear, units=settings.units, power=settings.power)
             fits = []
             for number in range(settings.starts):
                 first_guess = _with_units(best, linear, sizes, np.random.default_rng([seed, number]))
                 stage = f"units, beginning {number + 1}"
                 fits.append(_refined(first_guess, sizes, stretches, selection, settings, stage, tell, best.firsts))
-            best = min(fits, key=lambda fit: fit.mean_square)
+            best = min(fits, key=lambda fit: _free_runs(system_of(fit), records))
             count += sum(fit.evaluations for fit in fits)
-        weights = unit_states(best.weights, sizes, stretches, best.firsts)[0]
-    period = records[0].sampling.period
-    system = StateSpace(
-        period=period,
-        outputs=outputs,
-        inputs=inputs,
-        order=order,
-        units=sizes.units,
-        power=sizes.power,
-        dead=dead,
-        scales=scales,
-        trials=tuple((float(item.order), item.error, item.spread) for item in selection.trials),
-        map_weights=weights,
-    )
+        system = system_of(best)
     seconds = time.perf_counter() - began
     return Fit(system=system, relative_error=float(np.sqrt(best.mean_square)), seconds=seconds, evaluations=count)
+
+
+def _free_runs(system: StateSpace, records: Sequence[PreparedRecord]) -> float:
+    """Mean part of the outputs' variance that free runs from their first samples miss. A fit has the states at the
+    beginning as free numbers; where units make several of them explain the first samples, a run may begin in another.
+    """
+    width = len(system.states)
+    begun = [replace(item, states=np.zeros((item.samples, width)), deviations=None) for item in records]
+    missing = [1.0 - score_free_run(system, item).r2 for item in begun]
+    return float(np.mean(missing)) if np.isfinite(missing).all() else np.inf
 
 
 def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[subspace.Stretch], tuple[float, ...]]:
