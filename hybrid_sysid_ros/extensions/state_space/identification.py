@@ -119,8 +119,8 @@ def _free_runs(system: StateSpace, records: Sequence[PreparedRecord]) -> float:
     beginning as free numbers; where units make several of them explain the first samples, a run may begin in another.
     """
     width = len(system.states)
-    begun = [replace(item, states=np.zeros((item.samples, width)), deviations=None) for item in records]
-    missing = [1.0 - score_free_run(system, item).r2 for item in begun]
+    blank = [replace(item, states=np.zeros((item.samples, width)), deviations=None) for item in records]
+    missing = [1.0 - score_free_run(system, item).r2 for item in blank]
     return float(np.mean(missing)) if np.isfinite(missing).all() else np.inf
 
 

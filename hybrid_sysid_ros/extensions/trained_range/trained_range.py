@@ -30,6 +30,10 @@ USED = 5000
 """Most motions of all records that are looked at; more would be alike."""
 WRONGLY = 0.01
 """Share of motions like the trained ones that count as untrained."""
+BEYOND = 0.1
+"""Share of what was trained by which a value or an input may be beyond it: records that go on growing have no part like
+the rest, so that no distance would be too far.
+"""
 PARTS = 8
 """Parts of the training records that are held against the rest."""
 DIGITS = 20.0
@@ -56,7 +60,7 @@ class TrainedRange:
         noises = [item.noise for item in experiments if item.noise is not None]
         noise = np.mean(noises, axis=0) if noises else np.zeros(used[0][0].shape[1])
         outputs, inputs = (np.concatenate([pair[k] for pair in used]) for k in range(2))
-        scales = MotionScales.of(outputs, inputs, noise, _places(system), longest)
+        scales = MotionScales.of(outputs, inputs, noise, _places(system, experiments[0].sampling.step), longest)
         stride = -(-len(outputs) // USED)
         features = [scales.features(*pair)[::stride] for pair in used]
         whole = np.concatenate(features)
@@ -70,13 +74,26 @@ class TrainedRange:
         """
         past, found = self.scales.samples[-1], np.full(len(outputs), np.nan)
         if len(outputs) > past:
-            features = np.nan_to_num(self.scales.features(outputs, inputs), nan=1e9, posinf=1e9, neginf=-1e9)
-            found[past:] = cKDTree(self.typical).query(features)[0]
+            found[past:] = cKDTree(self.typical).query(self._features(outputs, inputs))[0]
         return found
 
     def outside(self, outputs: Array, inputs: Array) -> NDArray[np.bool_]:
         """Whether each motion is no trained one, (samples,), for what :meth:`distance` takes."""
-        return np.asarray(self.distance(outputs, inputs) > self.reach)
+        found, past = self.distance(outputs, inputs) > self.reach, self.scales.samples[-1]
+        if len(outputs) > past:
+            found[past:] |= self.beyond(self._features(outputs, inputs)).any(axis=1)
+        return np.asarray(found)
+
+    def beyond(self, features: Array) -> NDArray[np.bool_]:
+        """Which features (samples, features) are values or inputs clearly beyond all that was trained."""
+        low, high = self.typical.min(axis=0), self.typical.max(axis=0)
+        room, outputs = BEYOND * (high - low), len(self.scales.outputs)
+        moved = np.arange(features.shape[1]) < PER_OUTPUT * outputs
+        moved[: PER_OUTPUT * outputs : PER_OUTPUT] = False
+        return np.asarray(~moved & ((features < low - room) | (features > high + room)))
+
+    def _features(self, outputs: Array, inputs: Array) -> Array:
+        return np.nan_to_num(self.scales.features(outputs, inputs), nan=1e9, posinf=1e9, neginf=-1e9)
 
     @property
     def content(self) -> dict[str, Any]:
@@ -137,15 +154,16 @@ def mean_inputs(experiment: PreparedRecord) -> Array:
     return np.concatenate([means, means[-1:]])
 
 
-def _places(system: System) -> Array:
+def _places(system: System, step: float) -> Array:
     """1 for each output whose value means something, (outputs,); 0 for a position that the law does not read, alone or
-    together with all others of its unit, so that the system does the same elsewhere.
+    together with all others of its unit, so that the system does the same elsewhere. step: of the fit [s], in which
+    slow systems move, too.
     """
     found = np.ones(len(system.outputs))
     positions = [] if isinstance(system, Recurrence) else sorted(system.kinematics)
     if not positions:
         return found
-    step, random = symbolic_step(system, step=1e-3), np.random.default_rng(0)
+    move, random = symbolic_step(system, step=step), np.random.default_rng(0)
     states, inputs = random.normal(size=len(system.states)), random.normal(size=len(system.inputs))
     units = {system.states[state].unit for state in positions}
     groups = [{state} for state in positions]
@@ -153,7 +171,7 @@ def _places(system: System) -> Array:
     shown = {state: column for state, (column, rate) in system.record_map().reconstructible.items() if not rate}
     for group in groups:
         moved = np.isin(np.arange(len(states)), list(group)).astype(float)
-        change = np.array(step(states + moved, inputs) - step(states, inputs)).ravel()
+        change = np.array(move(states + moved, inputs) - move(states, inputs)).ravel()
         if np.allclose(change, moved, rtol=0.0, atol=1e-9):
             found[[shown[state] for state in group if state in shown]] = 0.0
     return found

@@ -22,9 +22,10 @@ EXPLAINED = 0.5
 
 def reason(trained: TrainedRange, features: Array, system: System, period: float) -> str:
     """Why most of some untrained motions, (samples, features), are so, as a sentence. period: of scored samples [s]."""
+    beyond = trained.beyond(features)
     for columns, words in _reasons(trained, features, system, trained.scales.samples[-1] * period):
         distances = cKDTree(trained.typical[:, columns]).query(features[:, columns])[0]
-        if np.mean(distances > trained.reach) >= EXPLAINED:
+        if np.mean((distances > trained.reach) | beyond[:, columns].any(axis=1)) >= EXPLAINED:
             return words
     names = [item.name for item in (*system.outputs, *system.inputs)]
     return f"no such motion of {', '.join(names[:-1])} under such {names[-1]} was trained on"

@@ -45,6 +45,17 @@ class DampedCart(System):
         return x[1], u[0] - x[1]
 
 
+class SlowTank(System):
+    """T^2 x'' = u - x - 2 T x', of which T is an hour."""
+
+    states = ("level [m]", "rate [m/s]")
+    inputs = ("flow [m]",)
+    outputs = ("level",)
+
+    def law(self, x, u):
+        return x[1], (u[0] - x[0]) / 3600.0**2 - 2.0 / 3600.0 * x[1]
+
+
 def experiment(outputs, inputs):
     """A record of samples."""
     outputs, inputs = np.reshape(outputs, (-1, 1)), np.reshape(inputs, (-1, 1))
@@ -110,7 +121,21 @@ def test_a_place_that_moves_nothing_is_as_good_as_another():
     assert outside(cart, (y + 1e3, u)) < 0.01
     assert outside(held, (y + 1e3, u)) == 1.0
     joint = load_rig("flexible_joint").system  # the spring reads the difference of its two angles only
-    assert _places(joint).tolist() == [0.0, 1.0]
+    assert _places(joint, 1e-3).tolist() == [0.0, 1.0]
+
+
+def test_what_goes_on_growing_leaves_what_was_trained_at_its_end():
+    """No part of it is like the rest, so that its parts' distances from the rest say nothing."""
+    grown, drive = np.exp(np.linspace(0.0, 3.0, 4000)), np.ones(4000) + wandering(1)[1]
+    early, later = (grown[:2500], drive[:2500]), (grown[2500:], drive[2500:])
+    found = trained_on(early)
+    assert outside(found, later) > 0.9
+    assert words(found, later).startswith(f"no position above {grown[2499]:.2g}")
+
+
+def test_a_slow_system_reads_its_place_over_the_step_of_its_fit():
+    """A tank of hours: over a millisecond its level moves nothing."""
+    assert _places(SlowTank(), 60.0).tolist() == [1.0]
 
 
 def test_a_trained_range_is_kept_in_a_model_and_read_again():
