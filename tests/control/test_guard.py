@@ -259,3 +259,33 @@ def test_a_stabiliser_goes_on_with_all_actuators_but_one_that_does_the_opposite(
     assert max(levels) <= found.level
     if worst < LoopState.RESTING:
         assert judge(found, 200, doubt=5.0)[-1] is LoopState.RESTING, "what else is in doubt rests it all the same"
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(1.0, 2.0), (3.0, 0.0), (-1.0, 0.0), (-1.5, 0.0)])
+def test_above_a_stabiliser_an_actuator_that_reports_what_it_does_is_made_to_do_what_was_wanted(gain, offset):
+    """And when it acts as it is told again, it does so within the same time."""
+    found, off = guard(stabilised=True, slow_share=0.9), list[float]()
+    acted = np.zeros(1)
+    for k in range(1200):
+        broken = 200 <= k < 700
+        wanted = np.array([2.0 + 0.5 * math.sin(0.01 * k)])
+        level = judge(found, 1, applied=acted)[0]
+        acting = found.slowed(wanted, np.zeros(1)) if found.slows else wanted
+        found.commanded(acting)
+        sent = found.turned(acting)
+        acted = gain * sent + offset if broken else sent
+        off.append(abs(float(acted[0] - wanted[0])))
+        assert level < LoopState.RESTING or k < 300
+    assert max(off[200:210]) > 1.0
+    assert max(off[600:700]) < 1.1, "its tolerance is 1: what is less is held against none"
+    assert max(off[1100:]) < 1e-2
+
+
+def test_an_actuator_that_does_not_answer_is_not_trimmed():
+    """What would be added would only act once it answers again."""
+    found, most = guard(stabilised=True), 0.0
+    for k in range(400):
+        found.commanded(np.array([3.0 * math.sin(0.05 * k)]))
+        judge(found, 1, applied=np.zeros(1))
+        most = max(most, abs(found.memory.inputs[0].trim))
+    assert most < 0.1

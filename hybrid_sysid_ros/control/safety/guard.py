@@ -102,7 +102,7 @@ class Guard:
         for output, before in zip(own.outputs, old.outputs, strict=True):
             output.reference = before.reference
         for item, last in zip(own.inputs, old.inputs, strict=True):
-            item.missed, item.asked = last.missed, last.asked
+            item.missed, item.asked, item.trim, item.opposes = last.missed, last.asked, last.trim, last.opposes
         self.memory = own._replace(kinds=old.kinds, sent=old.sent, replaced=old.replaced)
 
     def judge(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from hybrid_sysid_ros.control.safety.failsafe import AGAIN, Evidence, Failsafe, LoopState, judge_evidence
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
-from hybrid_sysid_ros.estimation.reversed_input import NONE, turn_input
+from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
 from hybrid_sysid_ros.support.arrays import Floats
 
@@ -30,6 +30,12 @@ RESPONSE = 0.3
 """Time constant [s] of the moments by which an actuator's response is judged."""
 REVERSED = 0.6
 """Correlation of commands and what acts, below minus which an actuator does the opposite."""
+TURNED = 1.5
+"""Evidence of an actuator that is sent the opposite, since it does the opposite: a stabilised loop goes on slowed."""
+TRIMMED = 0.3
+"""Time constant [s] in which commands make up for what an actuator is off them."""
+ANSWERS = 0.2
+"""Share of its commands' changes with which an actuator that is trimmed must change, one way or the other."""
 FAR = 5.0
 """Evidence above which an actuator is so far from its commands that a stabilised loop is held, not slowed."""
 RETURN = 0.3
@@ -62,7 +68,9 @@ class GuardRecord:
 class GuardedInput:
     """An input: its bounds, its fastest change [input unit/s], how far it may be from its commands, and what it is at
     rest. missed, asked: mean squares of what it was off its commands, and of these. sent, acted: means of its commands
-    and of what acted. spread, common: the sum of their variances, and twice their covariance.
+    and of what acted. power, spread, common: the variance of the commands, the sum of both, and twice their covariance.
+    trim: what is added to commands. opposes: whether it is sent the opposite. turned_back: whether it was, and is not
+    any more, since there was evidence first.
     """
 
     low: float
@@ -74,8 +82,12 @@ class GuardedInput:
     asked: float = 0.0
     sent: float = 0.0
     acted: float = 0.0
+    power: float = 0.0
     spread: float = 0.0
     common: float = 0.0
+    trim: float = 0.0
+    opposes: bool = False
+    turned_back: bool = False
 
 
 @dataclass(slots=True)
@@ -111,9 +123,9 @@ def judge(
     """The level that an estimate allows; see :meth:`.guard.Guard.judge`."""
     core, failsafe, kinds = guard.core[0], guard.failsafe[0], guard.kinds
     if NONE <= reversed < len(guard.inputs) and int(reversed) == reversed and int(reversed) != core.reversed:
-        _turn_past(guard, core.reversed)
+        _reverse(guard, core.reversed)
         core.reversed = int(reversed)
-        _turn_past(guard, core.reversed)
+        _reverse(guard, core.reversed)
     kinds[ESTIMATE].value = doubt
     _judge_actuators(guard, applied, elapsed)
     kinds[RANGE].value = _beyond(guard, state)
@@ -131,22 +143,27 @@ def judge(
     return level
 
 
-def _turn_past(guard: GuardMemory, which: int) -> None:
-    """Give the remembered commands of an input the other sign, and what acted."""
-    m = len(guard.inputs)
+def _reverse(guard: GuardMemory, which: int) -> None:
+    """Give an input's past the other sign, commands and what acted."""
     if which != NONE:
-        guard.inputs[which].sent = -guard.inputs[which].sent
-        guard.inputs[which].acted = -guard.inputs[which].acted
-        for i in range(REMEMBERED):
-            guard.sent[i * m + which] = -guard.sent[i * m + which]
+        guard.inputs[which].acted, guard.inputs[which].common = -guard.inputs[which].acted, -guard.inputs[which].common
+        _turn_past(guard, which)
+
+
+def _turn_past(guard: GuardMemory, j: int) -> None:
+    """Give the remembered commands of an input the other sign."""
+    guard.inputs[j].sent, guard.inputs[j].common = -guard.inputs[j].sent, -guard.inputs[j].common
+    for i in range(REMEMBERED):
+        guard.sent[i * len(guard.inputs) + j] = -guard.sent[i * len(guard.inputs) + j]
 
 
 def turn(guard: GuardMemory, inputs: Floats) -> None:
-    """Make of what is to act (m,), in place, what has to be sent for that, within its bounds, or the reverse."""
-    which = guard.core[0].reversed
-    turn_input(inputs, which)
-    if which != NONE:
-        inputs[which] = min(max(inputs[which], guard.inputs[which].low), guard.inputs[which].high)
+    """Make of what is to act (m,), in place, what has to be sent for that, within its bounds, or the reverse: an input
+    that acts reversed, as the estimate or its own report says, has the other sign.
+    """
+    for j in range(len(guard.inputs)):
+        if (guard.core[0].reversed == j) != guard.inputs[j].opposes:
+            inputs[j] = min(max(-inputs[j], guard.inputs[j].low), guard.inputs[j].high)
 
 
 def doubts_actuators(guard: GuardMemory, after: float) -> bool:
@@ -168,11 +185,11 @@ def _beyond(guard: GuardMemory, state: Floats) -> float:
 
 def _judge_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> None:
     """Find the evidence that actuators don't do what was commanded, and what it may lead to: a stabiliser goes on with
-    all but those that do the opposite, since its rig can't rest.
+    all but those that do the opposite, since its rig can't rest, and trims them or sends them the opposite.
     """
     core, inputs, sent, replaced = guard.core[0], guard.inputs, guard.sent, guard.replaced
     share, m, count, most, unlike = min(elapsed / AVERAGE, 1.0), len(inputs), 0, 0.0, 0.0
-    evidence, opposite = guard.kinds[ACTUATOR], False
+    evidence = guard.kinds[ACTUATOR]
     for i in range(REMEMBERED):
         at = (core.row + REMEMBERED - i) % REMEMBERED
         replaced[at] += elapsed
@@ -190,8 +207,10 @@ def _judge_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> Non
         if math.isnan(away):
             away = asked = 0.0
         else:
-            _follow_response(inputs[j], total / count, applied[j], min(elapsed / RESPONSE, 1.0))
-        opposite = opposite or inputs[j].common < -REVERSED * inputs[j].spread
+            _follow_response(inputs[j], total / count, applied[j], share, min(elapsed / RESPONSE, 1.0))
+            if core.stabilised and core.act:
+                _turn_opposite(guard, j)
+                _trim(guard, j, applied[j], low, high, elapsed)
         tolerance = inputs[j].tolerance
         inputs[j].missed += share * (away * away - inputs[j].missed)
         inputs[j].asked += share * (asked * asked - inputs[j].asked)
@@ -199,16 +218,53 @@ def _judge_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> Non
         if inputs[j].asked > (SMALL * tolerance) * (SMALL * tolerance) and away > UNLIKE * abs(asked):
             unlike = max(unlike, inputs[j].missed / (UNLIKE * UNLIKE * inputs[j].asked))
     evidence.value = max(most, min(unlike, CLEAREST))
-    evidence.worst = RESTING
-    if core.stabilised and not opposite:
-        evidence.worst = HOLDING if most > FAR else SLOWED
+    evidence.worst = HOLDING if most > FAR else SLOWED
+    for j in range(m):
+        if inputs[j].opposes:
+            evidence.value = max(evidence.value, TURNED)
+        if not core.stabilised or _is_opposite(inputs[j]):
+            evidence.worst = RESTING
 
 
-def _follow_response(item: GuardedInput, sent: float, acted: float, share: float) -> None:
-    """Take in a command and what acted: the moments of both."""
+def _is_opposite(item: GuardedInput) -> bool:
+    """Whether an actuator does the opposite of its commands."""
+    return item.common < -REVERSED * item.spread
+
+
+def _turn_opposite(guard: GuardMemory, j: int) -> None:
+    """Send an actuator that does the opposite the opposite, once for a fault, and only while the sensors agree with
+    what it reports.
+    """
+    item, seconds, doubted = guard.inputs[j], guard.kinds[ACTUATOR].seconds, guard.kinds[ESTIMATE].seconds > 0.0
+    item.turned_back = item.turned_back and seconds > 0.0
+    opposite = _is_opposite(item) and seconds >= guard.failsafe[0].slowed and not item.turned_back
+    if (item.opposes and doubted) or (opposite and not doubted):
+        item.turned_back = item.opposes and not doubted
+        item.opposes, item.trim = not item.opposes, 0.0
+        _turn_past(guard, j)
+
+
+def _trim(guard: GuardMemory, j: int, acted: float, low: float, high: float, elapsed: float) -> None:
+    """Let the trim c of an actuator that is off its commands u, within low and high, make up for that, and be forgotten
+    elsewhere: c' = -(acted - (u - c)) / TRIMMED, or c' = -c / TRIMMED.
+
+    Integral action of the actuator's own loop, without what an actuator that does not answer would wind up.
+    """
+    item, room = guard.inputs[j], 0.5 * (guard.inputs[j].high - guard.inputs[j].low)
+    still = item.power <= (SMALL * item.tolerance) * (SMALL * item.tolerance)
+    off = abs(acted - min(max(acted, low), high)) > item.tolerance and guard.kinds[ESTIMATE].seconds == 0.0
+    gap = item.trim
+    if off and (still or abs(item.common) > ANSWERS * item.power):
+        gap = acted - min(max(acted, low - item.trim), high - item.trim)
+    item.trim = min(max(item.trim - min(elapsed / TRIMMED, 1.0) * gap, -room), room)
+
+
+def _follow_response(item: GuardedInput, sent: float, acted: float, soon: float, share: float) -> None:
+    """Take in a command and what acted: the moments of both. soon, share: of the means, and of the others."""
     a, b = sent - item.sent, acted - item.acted
-    item.sent += share * a
-    item.acted += share * b
+    item.sent += soon * a
+    item.acted += soon * b
+    item.power += share * (a * a - item.power)
     item.spread += share * (a * a + b * b - item.spread)
     item.common += share * (2.0 * a * b - item.common)
 
@@ -227,7 +283,7 @@ def slow(guard: GuardMemory, inputs: Floats, rest: Floats) -> None:
     """Keep inputs (m,), in place, as near to those at rest (m,) as they must be."""
     for j in range(len(guard.inputs)):
         room = 0.5 * guard.core[0].share * (guard.inputs[j].high - guard.inputs[j].low)
-        inputs[j] = min(max(inputs[j], rest[j] - room), rest[j] + room)
+        inputs[j] = min(max(inputs[j], rest[j] - room), rest[j] + room) + guard.inputs[j].trim
     put_on_trial(guard, inputs)
 
 
