@@ -71,18 +71,19 @@ def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Ar
     """[x, u, d] of the four equations, from a first iterate, and C there."""
     tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
     states, inputs, wanted = len(system.states), len(system.inputs), outputs[tracked]
+    rest = np.eye(states)
     for _ in range(NEWTON_STEPS):
         following, a, b = jacobian_at(
             system, problem, unknown[:states], unknown[states : states + inputs], output=False
         )
         y, c, by_u = jacobian_at(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
-        c, by_u = c[tracked], by_u[tracked]
-        matrix = _equations(a, b, c, by_u)
-        unmoved = np.all(np.hstack([a - np.eye(states), b]) == 0.0, axis=1)
+        c, by_u, moving = c[tracked], by_u[tracked], a - rest
+        matrix = _equations(moving, b, c, by_u)
+        unmoved = ~(moving.any(axis=1) | b.any(axis=1))
         matrix[:, :states][:, unmoved] = 0.0
         drift = unknown[states + inputs :]
         residual = np.concatenate(
-            [following - unknown[:states] - drift, (a - np.eye(states)) @ drift, y[tracked] - wanted, c @ drift]
+            [following - unknown[:states] - drift, moving @ drift, y[tracked] - wanted, c @ drift]
         )
         change = np.linalg.lstsq(matrix, -residual, rcond=None)[0]
         if not np.all(np.isfinite(change)):
@@ -93,10 +94,10 @@ def _steady(system: System, problem: ControlProblem, outputs: Array, unknown: Ar
     return unknown, c
 
 
-def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
-    """The matrix of the four equations by [x, u, d]."""
-    n, m, tracked = len(a), b.shape[1], len(c)
-    moving, drift, seen = a - np.eye(n), n + m, 2 * n + tracked
+def _equations(moving: Array, b: Array, c: Array, by_u: Array) -> Array:
+    """The matrix of the four equations by [x, u, d]; moving: a - 1."""
+    n, m, tracked = len(moving), b.shape[1], len(c)
+    drift, seen = n + m, 2 * n + tracked
     matrix = np.zeros((seen + tracked, drift + n))
     matrix[:n, :n], matrix[:n, n:drift], matrix[:n, drift:] = moving, b, -np.eye(n)
     matrix[n : 2 * n, drift:] = moving

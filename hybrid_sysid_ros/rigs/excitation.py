@@ -34,13 +34,19 @@ def sine(*, amplitude: float, frequency: float) -> Reference:
     return lambda t: amplitude * np.sin(2.0 * np.pi * frequency * np.asarray(t, dtype=float))
 
 
+PEAK_SAMPLES = 20_000
+"""Samples of a period, at least, among which the peak of a sum of sines is looked for."""
+
+
 def multisine(seed: int, *, amplitude: float, low: float, high: float, lines: int, period: float) -> Reference:
     """Sum of ``lines`` sines between low and high [Hz] with a common period [s], scaled to the peak ``amplitude``."""
     random = np.random.default_rng(seed)
-    bins = np.unique(np.round(np.linspace(low, high, int(lines)) * period)) / period
-    phases = random.uniform(0, 2 * np.pi, len(bins))
-    grid = np.linspace(0, period, 20_001)
-    peak = np.max(np.abs(np.sum(np.sin(2 * np.pi * bins * grid[:, None] + phases), axis=1)))
+    cycles = np.unique(np.round(np.linspace(low, high, int(lines)) * period)).astype(int)
+    bins, phases = cycles / period, random.uniform(0, 2 * np.pi, len(cycles))
+    count = max(PEAK_SAMPLES, 2 * int(cycles[-1]) + 2)
+    spectrum = np.zeros(count // 2 + 1, complex)
+    spectrum[cycles] = np.exp(1j * (phases - 0.5 * np.pi)) * np.where(cycles > 0, 0.5, 1.0) * count
+    peak = np.max(np.abs(np.fft.irfft(spectrum, count)))
 
     def reference(t: ArrayLike) -> Array:
         angle = 2 * np.pi * bins * np.asarray(t, dtype=float)[..., None] + phases

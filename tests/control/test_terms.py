@@ -54,6 +54,16 @@ def test_the_optimum_is_that_of_ipopt(solver):
     solver.assign(**STAGE)
 
 
+@pytest.mark.parametrize("rates", [(0.6, 0.15), (0.6, 0.05)])
+def test_hard_bounds_and_limits_of_rates_hold_together(rates):
+    problem = declared(terms={"disc": TERMS["disc"]}, stage_parameters={}, rate_limits=rates)
+    previous, preview = np.array([0.9, -0.8]), np.tile([0.9, 0.0], (PROBLEM.horizon, 1))  # just within the disc
+    plan = ExactMpc(ARMS, problem).control(*instance(0)[:2], previous, preview)
+    assert plan.status is Status.SOLVED
+    assert np.sum(plan.inputs**2, axis=1).max() == pytest.approx(1.5, abs=1e-9)
+    assert np.all(np.abs(np.diff(plan.inputs, axis=0, prepend=previous[None])) <= np.array(rates) + 1e-12)
+
+
 def test_an_output_that_is_tracked_by_a_term_is_tracked_as_by_its_weight():
     asked = instance(2)
     asked[3][:] = (0.3, 0.0)

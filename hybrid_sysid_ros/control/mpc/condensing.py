@@ -7,41 +7,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from hybrid_sysid_ros.control.mpc.forms import add_forms, mirror_hessian
+from hybrid_sysid_ros.control.mpc.forms import condense_hessian
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.stage_cost import stage_cost
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
 
-LEAST_CURVATURE = 1e-9
-"""Share of the Hessian's largest entry, added to its diagonal in case inputs have no weight."""
-
 NO_BOUND = 1e30
 
 
 @inner
 def condense(horizon: Horizon, program: Program) -> None:
-    """Compute the states as functions of the inputs, the Gauss-Newton Hessian and the rows of bounds."""
-    (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
-    limits, weights, linear = horizon.limits, horizon.weights, horizon.linear
-    hessian, end, width = pointer(program.hessian), pointer(horizon.lagrangian.bend), n + m
-    for c in range(v * v):
-        hessian[c] = 0.0
-    for c in range(count * width * width):
-        end[c] = 0.0
+    """Compute the states as functions of the inputs, the rows of bounds and the Gauss-Newton Hessian."""
+    condense_rows(horizon, program)
+    condense_hessian(horizon, program)
+
+
+@inner
+def condense_rows(horizon: Horizon, program: Program) -> None:
+    """Compute the states as functions of the inputs, and the rows of bounds."""
+    limits, linear = horizon.limits, horizon.linear
+    (count, n), m = linear.reached.shape, horizon.inputs.shape[1]
     for i in range(count):
         _propagate(horizon, i)
-        for k in range(linear.outputs.shape[1]):
-            for r in range(width if weights.outputs[i, k] != 0.0 else 0):
-                slope = 2.0 * weights.outputs[i, k] * (linear.C[i, k, r] if r < n else linear.D[i, k, r - n])
-                for c in range(width if slope != 0.0 else 0):
-                    at = (i * width + r) * width + c
-                    end[at] += slope * (linear.C[i, k, c] if c < n else linear.D[i, k, c - n])
-    add_forms(horizon, program, False, True)
-    _weigh_inputs(horizon, program)
-    mirror_hessian(program)
-    for i in range(count):
         wide = (limits.moves[i] + 1) * m
         for r in range(limits.bounded.shape[0]):
             row = limits.state_rows[r, i]
@@ -78,25 +67,6 @@ def _propagate(horizon: Horizon, i: int) -> None:
             response[to + c] = 0.0
         for j in range(m):
             response[to + at + j] += linear.B[i, a, j]
-
-
-@inner
-def _weigh_inputs(horizon: Horizon, program: Program) -> None:
-    """Add the weights of inputs and their changes, and the least curvature, to the lower half of the Hessian."""
-    count, m = horizon.inputs.shape
-    hessian, v, moves, weights = program.hessian, program.gradient.shape[0], horizon.limits.moves, horizon.weights
-    largest = 0.0
-    for i in range(count):
-        new = i == 0 or moves[i] != moves[i - 1]
-        for j in range(m):
-            c = moves[i] * m + j
-            hessian[c, c] += 2.0 * ((weights.rates[i, j] if new else 0.0) + weights.inputs[i, j])
-            if i + 1 < count and moves[i + 1] != moves[i]:
-                hessian[c, c] += 2.0 * weights.rates[i + 1, j]
-                hessian[c + m, c] -= 2.0 * weights.rates[i + 1, j]
-            largest = max(largest, hessian[c, c])
-    for c in range(v):
-        hessian[c, c] += LEAST_CURVATURE * largest
 
 
 @inner

@@ -1,4 +1,4 @@
-"""Quadratic forms along a horizon: their sum as a Hessian by all inputs."""
+"""Quadratic forms along a horizon: their sum as a Hessian by all inputs, and Gauss-Newton's."""
 
 from __future__ import annotations
 
@@ -6,6 +6,50 @@ from hybrid_sysid_ros.control.mpc.horizon import Horizon
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
+
+LEAST_CURVATURE = 1e-9
+"""Share of the Hessian's largest entry, added to its diagonal in case inputs have no weight."""
+
+
+@inner
+def condense_hessian(horizon: Horizon, program: Program) -> None:
+    """Compute the Gauss-Newton Hessian by the inputs, after :func:`condense_rows`."""
+    (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
+    weights, linear = horizon.weights, horizon.linear
+    hessian, end, width = pointer(program.hessian), pointer(horizon.lagrangian.bend), n + m
+    for c in range(v * v):
+        hessian[c] = 0.0
+    for c in range(count * width * width):
+        end[c] = 0.0
+    for i in range(count):
+        for k in range(linear.outputs.shape[1]):
+            for r in range(width if weights.outputs[i, k] != 0.0 else 0):
+                slope = 2.0 * weights.outputs[i, k] * (linear.C[i, k, r] if r < n else linear.D[i, k, r - n])
+                for c in range(width if slope != 0.0 else 0):
+                    at = (i * width + r) * width + c
+                    end[at] += slope * (linear.C[i, k, c] if c < n else linear.D[i, k, c - n])
+    add_forms(horizon, program, False, True)
+    _weigh_inputs(horizon, program)
+    mirror_hessian(program)
+
+
+@inner
+def _weigh_inputs(horizon: Horizon, program: Program) -> None:
+    """Add the weights of inputs and their changes, and the least curvature, to the lower half of the Hessian."""
+    count, m = horizon.inputs.shape
+    hessian, v, moves, weights = program.hessian, program.gradient.shape[0], horizon.limits.moves, horizon.weights
+    largest = 0.0
+    for i in range(count):
+        new = i == 0 or moves[i] != moves[i - 1]
+        for j in range(m):
+            c = moves[i] * m + j
+            hessian[c, c] += 2.0 * ((weights.rates[i, j] if new else 0.0) + weights.inputs[i, j])
+            if i + 1 < count and moves[i + 1] != moves[i]:
+                hessian[c, c] += 2.0 * weights.rates[i + 1, j]
+                hessian[c + m, c] -= 2.0 * weights.rates[i + 1, j]
+            largest = max(largest, hessian[c, c])
+    for c in range(v):
+        hessian[c, c] += LEAST_CURVATURE * largest
 
 
 @inner

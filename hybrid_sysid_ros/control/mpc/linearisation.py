@@ -173,18 +173,26 @@ RESTORATIONS, VIOLATION = 8, 1e-13
 
 
 @inner
-def keep_hard(prediction: PredictionModel, horizon: Horizon) -> None:
-    """Move the inputs of each interval to where the hard bounds on terms hold, by Newton's method along each gradient.
+def keep_hard(prediction: PredictionModel, horizon: Horizon, previous: Array) -> None:
+    """Move the inputs of each interval to where the hard bounds on terms hold, by Newton's method along each gradient
+    of the inputs that are free to move: their bounds and limits of rates, after ``previous`` (m,), hold as well.
 
     Such terms depend on inputs alone. So every iterate keeps them, and a step needs no price of their violation.
     """
     limits, weights, linear, slopes = horizon.limits, horizon.weights, horizon.linear, horizon.work.slopes
     n, m = linear.B.shape[1:]
-    count = horizon.inputs.shape[0]
+    count, first = horizon.inputs.shape[0], 0
+    low, high = np.empty(m), np.empty(m)
     for i in range(count):
         u = horizon.inputs[i]
         if i > 0 and limits.moves[i] == limits.moves[i - 1]:
             assign(u, horizon.inputs[i - 1])
+        else:
+            first = i
+        before = horizon.inputs[first - 1] if first > 0 else previous
+        for j in range(m):
+            low[j] = max(limits.low[j], before[j] - limits.rate[j])
+            high[j] = min(limits.high[j], before[j] + limits.rate[j])
         for _ in range(RESTORATIONS):
             set_out(horizon, i)
             _evaluate(prediction, horizon, i)
@@ -196,14 +204,21 @@ def keep_hard(prediction: PredictionModel, horizon: Horizon) -> None:
                     weights.value_low[i, k] - linear.outputs[i, k],
                 )
                 if limits.hard[r] and max(above, below) > VIOLATION:
-                    most, size = max(most, above, below), 0.0
-                    for j in range(m):
-                        size += slopes[k, n + j] * slopes[k, n + j]
-                    for j in range(m if size > 0.0 else 0):
-                        move = (above if above > below else -below) * slopes[k, n + j] / size
-                        u[j] = min(max(u[j] - move, limits.low[j]), limits.high[j])
+                    most = max(most, above, below)
+                    _restore(u, slopes[k, n:], above if above > below else -below, low, high)
             if most == 0.0:
                 break
     for i in range(count - 2, -1, -1):
         if limits.moves[i] == limits.moves[i + 1]:
             assign(horizon.inputs[i], horizon.inputs[i + 1])
+
+
+@inner
+def _restore(u: Array, slopes: Array, distance: float, low: Array, high: Array) -> None:
+    """Move inputs u (m,) within low .. high against a distance of a value, whose derivatives by them are ``slopes``."""
+    size = 0.0
+    for j in range(u.shape[0]):
+        if (u[j] > low[j]) if distance * slopes[j] > 0.0 else (u[j] < high[j]):
+            size += slopes[j] * slopes[j]
+    for j in range(u.shape[0] if size > 0.0 else 0):
+        u[j] = min(max(u[j] - distance * slopes[j] / size, low[j]), high[j])

@@ -124,6 +124,9 @@ class Drivers:
             input_error=np.array(trial.criteria.input_error),
             **{name: np.zeros((count, m)) for name in ("inputs", "first", "kept_inputs")},
             kept_states=np.zeros((count + 1, n)),
+            own_inputs=np.full((periods, count, m), np.nan),
+            own_states=np.zeros((periods, count + 1, n)),
+            own_constraints=np.zeros((periods, len(beside.program.states)), np.int32),
             exact=np.zeros((periods, m)),
             answered=np.zeros(periods, np.bool_),
             solutions=np.zeros(periods, np.bool_),
@@ -136,8 +139,8 @@ class Drivers:
         self._settled = round(SETTLED * periods)
 
     def run(self, scenario: Scenario, driver: int) -> Driven:
-        """Let a driver go beside the exact MPC, which is asked the same at each period and begins at its own last plan,
-        as when it drives. The exact MPC's own loop comes first.
+        """Let a driver go beside the exact MPC, which is asked the same at each period. The exact MPC's own loop comes
+        first.
         """
         loop, course = self._loop, self._loop.course
         scenario.write(course)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +64,12 @@ class TrialLoop(Shared):
     """(N, m), the judge's trajectory."""
     kept_states: Array
     """(N + 1, n)."""
+    own_inputs: Array
+    """(T, N, m), trajectories of the exact MPC's own loop; NaN in periods without."""
+    own_states: Array
+    """(T, N + 1, n)."""
+    own_constraints: NDArray[np.int32]
+    """(T, constraints), their working sets."""
     exact: Array
     """(T, m), answers of the judge."""
     answered: NDArray[np.bool_]
@@ -77,7 +84,11 @@ class TrialLoop(Shared):
 
 @kernel
 def drive(loop: TrialLoop, driver: int, interval: float) -> None:
-    """Run the loop of a driver; interval: its period [s]."""
+    """Run the loop of a driver; interval: its period [s].
+
+    Beside the network the judge begins at the exact MPC's own plan of the same period, where that loop came first:
+    errors and pushes are the same there, so it is nearer than the judge's last plan.
+    """
     beside, own, solved, course = loop.beside, loop.supervision, loop.solved, loop.course
     (n, m), p = loop.kept_states.shape[1:] + loop.first.shape[1:], loop.outputs.shape[1]
     asked = instance_of(loop.asked, n, m, p)
@@ -91,8 +102,17 @@ def drive(loop: TrialLoop, driver: int, interval: float) -> None:
     course.excess[0] = 0.0
     for k in range(loop.exact.shape[0]):
         ask_controller(beside.horizon, stage, course, k == 0, k, loop.asked)
+        if driver == NETWORK and math.isfinite(loop.own_inputs[k, 0, 0]):
+            adopt_plan(beside, asked.disturbance, loop.own_inputs[k], loop.own_states[k])
+            assign(beside.program.states, loop.own_constraints[k])
         solve_once(beside, asked, solved)
         status = first = beside.call[0].status
+        if driver == EXACT:
+            assign_rows(beside.horizon.inputs, loop.own_inputs[k])
+            assign_rows(beside.horizon.states, loop.own_states[k])
+            assign(loop.own_constraints[k], beside.program.states)
+            if first == FAILED:
+                loop.own_inputs[k, 0, 0] = math.nan
         assign_rows(beside.horizon.planned, loop.first)
         assign_rows(loop.first, loop.inputs)
         assign(loop.exact[k], loop.first[0])

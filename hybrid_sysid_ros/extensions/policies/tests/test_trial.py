@@ -88,6 +88,7 @@ def test_a_loop_is_the_same_after_others_whose_solutions_it_shares(broken, rig):
     for driver in DRIVERS:
         shared, alone = drivers.run(scenario, driver), trial.run(scenario, driver)
         np.testing.assert_allclose(shared.inputs, alone.inputs, atol=1e-4)
+        np.testing.assert_allclose(shared.exact, alone.exact, atol=1e-4 * np.abs(alone.exact).max())
         np.testing.assert_array_equal(shared.reasons, alone.reasons)
 
 
