@@ -58,7 +58,8 @@ def test_the_optimum_is_that_of_ipopt(solver):
 def test_hard_bounds_and_limits_of_rates_hold_together(rates):
     problem = declared(terms={"disc": TERMS["disc"]}, stage_parameters={}, rate_limits=rates)
     previous, preview = np.array([0.9, -0.8]), np.tile([0.9, 0.0], (PROBLEM.horizon, 1))  # just within the disc
-    plan = ExactMpc(ARMS, problem).control(*instance(0)[:2], previous, preview)
+    state, disturbance, _, _ = instance(0)
+    plan = ExactMpc(ARMS, problem).control(state, disturbance, previous, preview)
     assert plan.status is Status.SOLVED
     assert np.sum(plan.inputs**2, axis=1).max() == pytest.approx(1.5, abs=1e-9)
     assert np.all(np.abs(np.diff(plan.inputs, axis=0, prepend=previous[None])) <= np.array(rates) + 1e-12)

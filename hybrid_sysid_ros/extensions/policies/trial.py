@@ -19,6 +19,7 @@ from hybrid_sysid_ros.extensions.policies.criteria import (
     DRIVERS,
     EXACT,
     MEASURES,
+    NETWORK,
     SETTLED,
     SUPERVISED,
     TRACKING,
@@ -88,8 +89,11 @@ class Trial:
         return self.mixture.scenario(self.model, self.plant, self.policy.problem, self.seed, loop)
 
     def run(self, scenario: Scenario, driver: int) -> Driven:
-        """One loop of a driver."""
-        return Drivers(self).run(scenario, driver)
+        """One loop of a driver, as in a certificate."""
+        drivers = Drivers(self)
+        if driver == NETWORK:
+            drivers.run(scenario, EXACT)
+        return drivers.run(scenario, driver)
 
     def kept(self, measures: Array) -> dict[str, dict[str, NDArray[np.bool_]]]:
         """See :meth:`~.criteria.Criteria.kept`."""

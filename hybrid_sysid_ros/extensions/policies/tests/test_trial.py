@@ -68,7 +68,7 @@ def test_a_loop_is_that_of_ordinary_objects(broken, rig, driver):
     trial = dataclasses.replace(trial_of(broken, plant=rig.system), criteria=criteria)
     for loop in range(6):
         scenario = trial.scenario(loop)
-        driven = trial.run(scenario, driver)
+        driven = Drivers(trial).run(scenario, driver)
         inputs, exact, states, cost, counted = by_hand(trial, scenario, driver)
         np.testing.assert_allclose(driven.inputs, inputs, atol=1e-9)
         np.testing.assert_allclose(driven.exact, exact, atol=1e-9)
@@ -86,7 +86,7 @@ def test_a_loop_is_the_same_after_others_whose_solutions_it_shares(broken, rig):
     trial = trial_of(broken) if rig == "beam" else trial_of_shipped(rig)
     drivers, scenario = Drivers(trial), trial.scenario(3)
     for driver in DRIVERS:
-        shared, alone = drivers.run(scenario, driver), trial.run(scenario, driver)
+        shared, alone = drivers.run(scenario, driver), Drivers(trial).run(scenario, driver)
         np.testing.assert_allclose(shared.inputs, alone.inputs, atol=1e-4)
         np.testing.assert_allclose(shared.exact, alone.exact, atol=1e-4 * np.abs(alone.exact).max())
         np.testing.assert_array_equal(shared.reasons, alone.reasons)
