@@ -11,11 +11,12 @@ from scipy.optimize import least_squares
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
-from hybrid_sysid_ros.identification.fitting import _kept, fit
+from hybrid_sysid_ros.identification.fitting import _kept, _rivals, fit
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
 from hybrid_sysid_ros.identification.problem import FitProblem as IdentificationProblem
 from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
+from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps
 from hybrid_sysid_ros.rigs.experiments import simulate_experiment
@@ -143,6 +144,18 @@ def test_the_best_of_several_starts_goes_on(linear_bench):
     np.testing.assert_allclose(five.system.values, one.system.values, rtol=0.01)
 
 
+def test_a_search_goes_on_from_other_ends_that_are_hardly_worse():
+    """One for each place, the best first; an initial state, behind the shared part, makes no other place."""
+    ends = [SimpleNamespace(cost=cost, x=np.array(x)) for cost, x in ((1.05, (2.0, 0.0)), (1.0, (1.0, 0.0)),
+            (1.0, (1.001, 5.0)), (1.2, (3.0, 0.0)))]  # fmt: skip
+    assert [x[0] for x in _rivals(ends, 1)] == [1.0, 2.0]
+
+
+def test_a_rig_that_sticks_begins_at_several_points(rig):
+    assert structure_of("gray", rig.system).options["starts"].default == 3
+    assert structure_of("linear", rig.system).options["starts"].default == 1
+
+
 def test_shape_parameters_that_data_do_not_show_stay_at_their_prior(rig):
     """A linear beam shows no friction shape: the priors keep it at zero with their own spread."""
     u = held_levels(3, 4001, hold=60)
@@ -183,7 +196,7 @@ def test_a_hybrid_learns_what_its_physics_lacks(rig):
         return record_of(u, outputs, 0.005, name=name)
 
     seen, unseen = record(0, "seen"), record(1, "unseen")
-    gray = identify([seen], rig, "gray", sampling=Sampling())
+    gray = identify([seen], rig, "gray", sampling=Sampling(), options={"starts": 1})
     # The stop is as strong as the drive, so the network must be allowed to be.
     hybrid = identify([seen], rig, "hybrid", sampling=Sampling(), options={"scale": 1.0, "ridge": 1.0})
     errors = [evaluate(model, unseen).rmse for model in (gray, hybrid)]

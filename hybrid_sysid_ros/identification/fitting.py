@@ -80,6 +80,10 @@ factor of that, and the largest in all.
 APART = 2.0
 """Standard errors from a solution at which searches begin again, on both sides."""
 
+RIVAL, ALIKE = 1.1, 0.01
+"""Cost of an end, over the best one's, up to which a search goes on from it, too; and the difference of parameters, in
+their scales, up to which two ends are the same.
+"""
 MANY = 100
 """Number of weights, which all have priors, above which the optimiser gets a condensed problem."""
 
@@ -105,11 +109,12 @@ def fit(
     anchor: an earlier fit of the same physics, near which its parameters stay (within a few deviations), so that a
     network learns only the part that the physics can't explain. ridge, hold: see
     :class:`~hybrid_sysid_ros.identification.problem.FitProblem`. starts: number of initial points of the first stage,
-    all but the first random by ``seed``; the best one continues. tolerance, iterations: limits of each stage, by
-    default FINE in the last one of a physical structure, COARSE elsewhere, and ITERATIONS. unstable: settings of an
-    unstable rig, which replace the stages, see :class:`~.shooting.MultipleShootingProblem`. again: search again from
-    both sides of the solution of a system that sticks, see :func:`_searched_again`. The method is trust-region least
-    squares with bounds; the Jacobian is exact and simulated in parallel threads.
+    all but the first random by ``seed``; the best end continues, and of physics those that are hardly worse.
+    tolerance, iterations: limits of each stage, by default FINE in the last one of a physical structure, COARSE
+    elsewhere, and ITERATIONS. unstable: settings of an unstable rig, which replace the stages, see
+    :class:`~.shooting.MultipleShootingProblem`. again: search again from both sides of the solution of a system that
+    sticks, see :func:`_searched_again`. The method is trust-region least squares with bounds; the Jacobian is exact
+    and simulated in parallel threads.
 
     Raises UserError for records without excitation or beyond the system's range, and where every simulation
     diverges.
@@ -135,7 +140,7 @@ def fit(
             limits = tolerance or (FINE if physical else COARSE), iterations
             solutions = [_solve(problem, horizon, point, limits, pool.map) for point in points]
             solution = min(solutions, key=lambda item: float(item.cost))
-            points = [solution.x]
+            points = [solution.x] if len(system.weights) else _rivals(solutions, problem.shared)
             if progress is not None:
                 stage = "whole records" if horizon is None else f"{horizon}-sample rollouts"
                 progress(stage, problem.evaluations, problem.relative_error(solution.fun))
@@ -161,6 +166,19 @@ def _kept(problem: FitProblem, points: list[Array], horizon: int | None) -> list
         float(np.linalg.norm(residuals(point))) for point in points
     )
     return [*points, problem.start] if worse else points
+
+
+def _rivals(solutions: Sequence[Any], shared: int) -> list[Array]:
+    """The best of some ends first, and others elsewhere in the shared part that are hardly worse: short rollouts don't
+    tell ends apart of which longer ones reject all but one.
+    """
+    first, *others = sorted(solutions, key=lambda item: float(item.cost))
+    found: list[Array] = [first.x]
+    for item in others:
+        elsewhere = all(np.max(np.abs(item.x - x)[:shared]) > ALIKE for x in found)
+        if item.cost < RIVAL * first.cost and elsewhere:
+            found.append(item.x)
+    return found
 
 
 def _reweighted(problem: FitProblem, horizon: int | None, solution: Any, limits: tuple[float, int], run: Map) -> Any:

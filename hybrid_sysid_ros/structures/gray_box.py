@@ -37,6 +37,8 @@ FIT_OPTIONS = {
     ),
 }
 """Options of every fit of physics."""
+STICKING_STARTS = 3
+"""Initial points of a system that sticks, whose cost has corners in which a search ends early."""
 STRAIGHT = "straight"
 """The linear system in which no state is in another one's rate, on which a black box builds."""
 
@@ -94,6 +96,8 @@ class GrayBox(Structure):
     @property
     def options(self) -> Mapping[str, Option]:
         own, found = self.own, dict(FIT_OPTIONS)
+        if own is not None and own.contacts:
+            found["starts"] = replace(found["starts"], default=STICKING_STARTS)
         if own is not None:
             found |= {
                 term: Option(default=int(term not in own.doubtful_terms), low=0, high=1, kind="int", description="term")
