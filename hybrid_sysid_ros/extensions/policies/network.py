@@ -17,6 +17,9 @@ from hybrid_sysid_ros.support.arrays import Array
 AT_BOUND = 1 - 1e-4
 """From here on an input, in its limit, is at its bound."""
 
+MATTERS = 0.1
+"""Error of an input from which on it matters little how large it is, half the distance of the bounds being 1."""
+
 WARM_UP = 200
 """Steps in which the rate of learning rises to its full value."""
 
@@ -55,6 +58,13 @@ def beyond_bounds(answers: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
     errors = answers - targets
     beyond = ((targets >= AT_BOUND) & (errors > 0)) | ((targets <= -AT_BOUND) & (errors < 0))
     return torch.where(beyond, torch.zeros_like(errors), errors)
+
+
+def saturating(errors: torch.Tensor) -> torch.Tensor:
+    """Squared errors that end at :data:`MATTERS` squared (Geman, McClure 1985): where an answer jumps, a network that
+    changes sides at once has less of it than one that goes across slowly.
+    """
+    return errors**2 / (1.0 + (errors / MATTERS) ** 2)
 
 
 def new_network(widths: list[int], seed: int) -> torch.nn.Sequential:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import scenarios
+from hybrid_sysid_ros.control.mpc.batch import MpcAnswers
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import ControlProblem
@@ -111,18 +112,33 @@ def sample(
     if driver is None:
         ((loop, answers),) = scenarios.run_many(mpc, [scenario], attempts=2, threads=1)
     else:
-        sound = scenario._replace(input_errors=np.zeros_like(scenario.input_errors))
-        loop = run_network(sound, problem, driver)
+        exact = scenario._replace(input_errors=np.zeros_like(scenario.input_errors))
+        loop = run_network(exact, problem, driver)
         first, last = len(system.states) + len(system.inputs), len(system.states) + 2 * len(system.inputs)
         before = loop.asked[:, first:last] + scenario.input_errors
         loop.asked[:, first:last] = np.clip(before, problem.input_low, problem.input_high)
         answers = mpc.solve_sequence(loop.asked, scenario.begins, attempts=2)
-    asked = loop.asked
-    kept, shifts = answers.solved & np.isfinite(loop.costs).all(), []  # a loop that ran away teaches nothing
-    for name, deviation in (followed or {}).items():
+    sound = answers.solved & np.isfinite(loop.costs).all()  # a loop that ran away teaches nothing
+    return kept_samples(system, problem, loop.asked, scenario.begins, answers, sound, followed or {})
+
+
+def kept_samples(
+    system: System,
+    problem: ControlProblem,
+    asked: Array,
+    begins: NDArray[np.bool_],
+    answers: MpcAnswers,
+    kept: NDArray[np.bool_],
+    followed: Mapping[str, float],
+) -> TrainingSamples:
+    """The samples of answers to a sequence ``asked`` that are kept (rows,), with their derivatives by ``followed``
+    parameters where both differences have answers, too.
+    """
+    shifts = []
+    for name, deviation in followed.items():
         near = (ExactMpc(shifted(system, name, side * deviation), problem) for side in (-0.5, 0.5))
-        below, above = (each.solve_sequence(asked, scenario.begins, attempts=2) for each in near)
-        kept &= below.solved & above.solved
+        below, above = (each.solve_sequence(asked, begins, attempts=2) for each in near)
+        kept = kept & below.solved & above.solved
         shifts.append(above.inputs - below.inputs)
     return TrainingSamples(
         instances=asked[kept],

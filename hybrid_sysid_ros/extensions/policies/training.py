@@ -17,12 +17,14 @@ from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.policies.idle_states import without_idle
 from hybrid_sysid_ros.extensions.policies.mirror import mirror_of
+from hybrid_sysid_ros.extensions.policies.near_misses import chunks_of, misses, near_misses
 from hybrid_sysid_ros.extensions.policies.network import (
     beyond_bounds,
     descend,
     in_double,
     layers_of,
     new_network,
+    saturating,
     single,
 )
 from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sampled
@@ -37,6 +39,9 @@ from hybrid_sysid_ros.support.threads import one_torch_thread
 
 VALIDATION_SHARE = 0.1
 """Share of the closed loops, whole ones, that training never sees."""
+
+REFINEMENTS = 2
+"""Times that a network learns on beside near misses, after its last round."""
 
 CHECKS = 64
 """Self-check vectors."""
@@ -57,8 +62,9 @@ def train(
 ) -> Policy:
     """Sample the exact MPC on a model and train a policy that imitates it.
 
-    Each round adds closed loops to the data and trains on from the last network. Reports the mean squared error of
-    held-out loops in the inputs' units squared, on inputs within the bounds. store: where finished loops are kept, so
+    Each round adds closed loops to the data and trains on from the last network. Then the network learns on beside
+    answers near those that it misses. Reports the mean squared error of held-out loops in the inputs' units squared, on
+    inputs within the bounds. store: where finished loops are kept, so
     that an interrupted training goes on. Raises UserError where the MPC finds no solution.
     """
     began, sampling, progress = time.perf_counter(), 0.0, progress or _silent
@@ -71,24 +77,36 @@ def train(
     held: list[NamedArrays] = []
     policy: Policy | None = None
     network: torch.nn.Module | None = None
+    follow = {"followed": settings.followed}
+    run = partial(parallel.run, workers=settings.workers, cluster=settings.cluster, store=store)
     with one_torch_thread(torch):
         for number, episodes in enumerate(settings.episodes):
-            started = time.perf_counter()
-            work = partial(sampled, model.system, taught, spread, driver=policy, followed=settings.followed)
-            seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
-            report = partial(progress, f"round {number + 1}: closed loops of the exact MPC")
-            new = parallel.run(
-                work, seeds, workers=settings.workers, cluster=settings.cluster, store=store, progress=report
-            )
+            started, name = time.perf_counter(), f"round {number + 1}"
+            work = partial(sampled, model.system, taught, spread, driver=policy, **follow)
+            report = partial(progress, f"{name}: closed loops of the exact MPC")
+            new = run(work, _seeds(seed, number, episodes), progress=report)
             sampling += time.perf_counter() - started
             validation = max(1, round(VALIDATION_SHARE * episodes))
             held += new[:validation]
             parts += new[validation:]
             last = number == len(settings.episodes) - 1
             epochs = settings.epochs if last else -(-settings.epochs // 3)
-            report = partial(progress, f"round {number + 1}: epochs of training")
             data = _TrainingData.of(model, problem, spread, TrainingSamples.joined(parts), TrainingSamples.joined(held))
-            network, policy = _fit(model, data, settings, epochs, seed, network, report)
+            network, policy = _fit(
+                model, data, settings, epochs, seed, network, partial(progress, f"{name}: epochs of training")
+            )
+        for number in range(len(settings.episodes), len(settings.episodes) + REFINEMENTS):
+            started, name = time.perf_counter(), f"refinement {number - len(settings.episodes) + 1}"
+            missed = misses(policy, data.samples, seed)
+            if not len(missed):
+                break
+            work = partial(near_misses, model.system, taught, spread, missed, **follow)
+            report = partial(progress, f"{name}: answers near misses")
+            parts += run(work, _seeds(seed, number, chunks_of(data.samples)), progress=report)
+            sampling += time.perf_counter() - started
+            data = _TrainingData.of(model, problem, spread, TrainingSamples.joined(parts), TrainingSamples.joined(held))
+            report = partial(progress, f"{name}: epochs of training")
+            network, policy = _fit(model, data, settings, -(-settings.epochs // 3), seed, network, report, refined=True)
     assert policy is not None
     if settings.followed:
         policy = _corrected(policy, model, data, settings, seed, progress)
@@ -104,6 +122,11 @@ def train(
         "seconds": round(time.perf_counter() - began, 1),
     }
     return replace(policy, training=measured)
+
+
+def _seeds(seed: int, number: int, count: int) -> list[int]:
+    """Seeds of what a round samples."""
+    return [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(count)]
 
 
 def tightened(problem: ControlProblem, margin: float) -> ControlProblem:
@@ -217,6 +240,8 @@ def _fit(
     seed: int,
     start: torch.nn.Module | None,
     progress: Callable[[int, int], None],
+    *,
+    refined: bool = False,
 ) -> tuple[torch.nn.Module, Policy]:
     problem, samples = data.problem, data.samples
     stages, count = problem.horizon if settings.sequence else 1, len(data.half)
@@ -234,7 +259,7 @@ def _fit(
             turned = torch.rand((len(rows), 1), generator=random) < 0.5
             asked, wanted = torch.where(turned, signs * asked, asked), torch.where(turned, -wanted, wanted)
         errors = beyond_bounds(network(asked), wanted)
-        return torch.mean(errors**2 @ weights)
+        return torch.mean((saturating(errors) if refined else errors**2) @ weights)
 
     network = new_network([inputs.shape[1], *settings.hidden, stages * count], seed)
     if start is not None:
