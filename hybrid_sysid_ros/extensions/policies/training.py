@@ -40,8 +40,11 @@ from hybrid_sysid_ros.support.threads import one_torch_thread
 VALIDATION_SHARE = 0.1
 """Share of the closed loops, whole ones, that training never sees."""
 
-REFINEMENTS = 2
+REFINEMENTS = 3
 """Times that a network learns on beside near misses, after its last round."""
+
+REFINED_PLAN = 1.0 / 3.0
+"""Factor of the weight of later inputs then: what is missed is the first."""
 
 CHECKS = 64
 """Self-check vectors."""
@@ -248,7 +251,8 @@ def _fit(
     inputs = data.standardised
     plans = (samples.plans[:, :stages] - data.middle) / data.half
     targets = single(plans.reshape(len(plans), -1))
-    weights = torch.full((stages, count), settings.plan_weight / max(stages - 1, 1) / count)
+    later = settings.plan_weight * (REFINED_PLAN if refined else 1.0)
+    weights = torch.full((stages, count), later / max(stages - 1, 1) / count)
     weights[0] = 1.0 / count
     weights, random = weights.ravel(), torch.Generator().manual_seed(seed)
     signs = None if data.mirror is None else single(data.mirror)
