@@ -80,12 +80,12 @@ def train(
     held: list[NamedArrays] = []
     policy: Policy | None = None
     network: torch.nn.Module | None = None
-    follow = {"followed": settings.followed}
+    work: Callable[[int], NamedArrays]
     run = partial(parallel.run, workers=settings.workers, cluster=settings.cluster, store=store)
     with one_torch_thread(torch):
         for number, episodes in enumerate(settings.episodes):
             started, name = time.perf_counter(), f"round {number + 1}"
-            work = partial(sampled, model.system, taught, spread, driver=policy, **follow)
+            work = partial(sampled, model.system, taught, spread, driver=policy, followed=settings.followed)
             report = partial(progress, f"{name}: closed loops of the exact MPC")
             new = run(work, _seeds(seed, number, episodes), progress=report)
             sampling += time.perf_counter() - started
@@ -98,19 +98,19 @@ def train(
             network, policy = _fit(
                 model, data, settings, epochs, seed, network, partial(progress, f"{name}: epochs of training")
             )
+        assert policy is not None
         for number in range(len(settings.episodes), len(settings.episodes) + REFINEMENTS):
             started, name = time.perf_counter(), f"refinement {number - len(settings.episodes) + 1}"
             missed = misses(policy, data.samples, seed)
             if not len(missed):
                 break
-            work = partial(near_misses, model.system, taught, spread, missed, **follow)
+            work = partial(near_misses, model.system, taught, spread, missed, followed=settings.followed)
             report = partial(progress, f"{name}: answers near misses")
             parts += run(work, _seeds(seed, number, chunks_of(data.samples)), progress=report)
             sampling += time.perf_counter() - started
             data = _TrainingData.of(model, problem, spread, TrainingSamples.joined(parts), TrainingSamples.joined(held))
             report = partial(progress, f"{name}: epochs of training")
             network, policy = _fit(model, data, settings, -(-settings.epochs // 3), seed, network, report, refined=True)
-    assert policy is not None
     if settings.followed:
         policy = _corrected(policy, model, data, settings, seed, progress)
     measured = {

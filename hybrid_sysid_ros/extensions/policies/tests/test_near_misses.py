@@ -1,0 +1,39 @@
+"""Near misses: they are about the instances that a policy misses, with the answers of the exact law."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.extensions.policies.near_misses import NEAR, misses, near_misses
+from hybrid_sysid_ros.extensions.policies.samples import sample
+from hybrid_sysid_ros.extensions.policies.tests.test_samples import CARTS_SPREAD, SPREADS
+from tests.linear_policies import CARTS, CASES, broken_policy, exact_policy
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_law_misses_what_it_is_broken_at_and_the_exact_one_misses_nothing(name):
+    case = CASES[name]
+    samples = sample(case.system, case.problem, SPREADS[name], 7)
+    free = np.all(
+        np.abs(samples.plans) < 0.35 * case.problem.input_high[0], axis=(1, 2)
+    )  # the exact law is linear there
+    some = dataclasses.replace(samples, instances=samples.instances[free], plans=samples.plans[free])
+    assert len(misses(exact_policy(case), some, 0)) == 0
+    disturbance = some.instances[:, len(case.a)]
+    found = misses(broken_policy(case), some, 0)
+    assert 0 < np.sum(disturbance > 0.0) < len(disturbance)
+    np.testing.assert_array_equal(found, some.instances[disturbance > 0.0])
+
+
+def test_answers_near_a_miss_are_those_of_the_exact_law():
+    case, spread = CARTS, CARTS_SPREAD.sized(CARTS.system)
+    miss = sample(case.system, case.problem, CARTS_SPREAD, 7).instances[50]
+    found = near_misses(case.system, case.problem, spread, miss[None], 3, followed={})
+    instances, plans = found["instances"], found["plans"]
+    moved = np.concatenate([spread.push, spread.disturbance, spread.input_jitter])
+    asked = instances[:, : len(moved)] - miss[: len(moved)]
+    np.testing.assert_allclose(asked.std(axis=0), NEAR * moved / np.sqrt(3.0), rtol=0.1)  # of sizes from none to NEAR
+    np.testing.assert_array_equal(instances[:, len(moved) :], np.tile(miss[len(moved) :], (len(instances), 1)))
+    for instance, plan in list(zip(instances, plans, strict=True))[::100]:
+        np.testing.assert_allclose(plan, case.plan(instance), atol=2e-3)
