@@ -28,12 +28,12 @@ def test_a_law_misses_what_it_is_broken_at_and_the_exact_one_misses_nothing(name
 
 def test_answers_near_a_miss_are_those_of_the_exact_law():
     case, spread = CARTS, CARTS_SPREAD.sized(CARTS.system)
-    miss = sample(case.system, case.problem, CARTS_SPREAD, 7).instances[50]
-    found = near_misses(case.system, case.problem, spread, miss[None], 3, followed={})
+    missed = sample(case.system, case.problem, CARTS_SPREAD, 7).instances[50]
+    found = near_misses(case.system, case.problem, spread, missed[None], 3, followed={})
     instances, plans = found["instances"], found["plans"]
     moved = np.concatenate([spread.push, spread.disturbance, spread.input_jitter])
-    asked = instances[:, : len(moved)] - miss[: len(moved)]
+    asked = instances[:, : len(moved)] - missed[: len(moved)]
     np.testing.assert_allclose(asked.std(axis=0), NEAR * moved / np.sqrt(3.0), rtol=0.1)  # of sizes from none to NEAR
-    np.testing.assert_array_equal(instances[:, len(moved) :], np.tile(miss[len(moved) :], (len(instances), 1)))
+    np.testing.assert_array_equal(instances[:, len(moved) :], np.tile(missed[len(moved) :], (len(instances), 1)))
     for instance, plan in list(zip(instances, plans, strict=True))[::100]:
         np.testing.assert_allclose(plan, case.plan(instance), atol=2e-3)
