@@ -152,3 +152,8 @@ class Sentence:
     def is_stop(self) -> bool:
         """Whether it asks for nothing but a stop, now."""
         return self.stops and not self.commands and self.later is None
+
+    @property
+    def ends_in_stop(self) -> bool:
+        """Whether it asks for a stop at all, now or in the end."""
+        return self.stops or (self.later is not None and self.later.ends_in_stop)

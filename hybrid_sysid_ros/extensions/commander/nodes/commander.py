@@ -19,9 +19,10 @@ from std_srvs.srv import SetBool, Trigger
 
 from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Start
+from hybrid_sysid_ros.extensions.commander.language.grammar import read
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
-from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, stop_in
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.extensions.commander.nodes.command_replies import CommandReplies
 from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import ConfiguredInterpreter, give_way
 from hybrid_sysid_ros.extensions.commander.nodes.controller_services import ControllerServices
@@ -72,6 +73,8 @@ class CommanderNode(RigNode):
         self._lock = RLock()
         """Nothing begins between a stop and what it drops."""
         super().__init__(**options)
+        self.vocabulary = Vocabulary.of(self.rig)
+        read("stop", self.vocabulary)  # its words are loaded now, not when somebody says it
         self.controller = ControllerServices(self)
         self.create_service(Trigger, "~/stop", self.on_stop)
         self.create_service(SetBool, "~/arm", self.on_arm)
@@ -141,12 +144,13 @@ class CommanderNode(RigNode):
 
     def _obey(self, text: str) -> None:
         interpreter = self.interpreting.interpreter if self.active else None
-        if interpreter is None:
-            if said := stop_in(text):
-                self.stop(text, emergency=said == EMERGENCY)
-                return
+        if interpreter is not None:
+            self._act(interpreter.read(text))
+            return
+        sentence = read(text, self.vocabulary)
+        if not sentence.ends_in_stop:  # what goes before a stop can't be carried out now
             raise UserError(self.interpreting.missing if self.active else f"the commander is {self.state}: activate it")
-        self._act(interpreter.read(text))
+        self.stop(text, emergency=sentence.emergency)
 
     def _act(self, sentence: Sentence) -> None:
         """Stop, or plan and begin to check; raises UserError for what is refused."""

@@ -194,6 +194,19 @@ def test_stop_works_while_the_commander_is_not_configured(bench: Bench) -> None:
         commander.obey("hold 1 V")
 
 
+def test_before_it_can_simulate_hold_is_no_stop(bench: Bench) -> None:
+    controller = bench.start(ControllerNode, policy="exact", lockstep=True, latency=0.0)
+    node = bench.start(CommanderNode)  # no estimator: nothing says how to simulate
+    text = bench.speak("command_text", String)
+    bench.until(lambda: node.controller.stopper.service_is_ready() and text.get_subscription_count())
+    with pytest.raises(UserError, match="no estimator"):
+        node.obey("hold")
+    assert (node.stops, controller.operation.mode) == (0, ControllerMode.DRIVE)
+    text.publish(String(data="hold it, stop"))
+    bench.until(lambda: controller.operation.mode is ControllerMode.STOP)
+    assert node.stops == 1
+
+
 def test_a_sum_that_ends_in_stop_stops_at_its_end(loop: DrivenRig) -> None:
     loop.say("go to 1 V in 0.5 s then stop")
     loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
