@@ -13,6 +13,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -88,8 +89,8 @@ class CommandClient(CommandInterface):
     def _spin(self) -> None:
         try:
             self._executor.spin()
-        except (ExternalShutdownException, ShutdownException):
-            return
+        except (ExternalShutdownException, ShutdownException, InvalidHandle):
+            return  # closed, at whatever moment of a turn
 
     def _hear(self, status: DiagnosticStatus) -> None:
         for replies in tuple(self._waiting):
