@@ -68,11 +68,12 @@ def test_a_speed_that_has_jumped_stays_left_out(vehicle):
     assert abs(plant.state[SPEED]) < 5.0
 
 
-def test_a_flipped_elevator_is_tried_with_small_deflections(vehicle):
+def test_a_flipped_elevator_that_reports_itself_is_sent_the_opposite(vehicle):
     """The stabiliser would turn the vehicle over with an elevator of the wrong sign."""
     levels, plant, deflections = driven_loop(vehicle, BEGIN + 2.0, elevator=-1.0)
-    assert LoopState.RESTING in levels
-    assert abs(plant.state[ANGLE]) < 0.06
+    assert levels == {LoopState.DRIVING, LoopState.SLOWED}
+    assert vehicle[1].level is LoopState.SLOWED
+    assert abs(plant.state[ANGLE]) < 0.01
     assert deflections[round((BEGIN + 0.1) / PERIOD) :].max() < 0.03
 
 
