@@ -154,6 +154,13 @@ class Sentence:
         return self.stops and not self.commands and self.later is None
 
     @property
+    def guards(self) -> bool:
+        """Whether a stop waits for a value that these commands may pass: it is watched for from their beginning."""
+        if not self.commands or self.later is None or self.condition is None:
+            return False
+        return self.later.is_stop and self.condition.output is not None
+
+    @property
     def ends_in_stop(self) -> bool:
         """Whether it asks for a stop at all, now or in the end."""
         return self.stops or (self.later is not None and self.later.ends_in_stop)

@@ -138,7 +138,10 @@ class Interpreter:
         if sentence.later is not None and sentence.condition is not None:
             last = Carried(sentence.commands, plan.values[0]) if sentence.commands else None
             later = self.plan(self.unfolded(sentence.later, last), plan.values[-1])
-            parts += [f"{self.awaited(sentence.condition)}: {'; then '.join(later.story)}"]
+            when, words = self.awaited(sentence.condition), "; then ".join(later.story)
+            if sentence.guards:
+                return f"{'; then '.join(parts)}; but {when} of its end: {words}"
+            parts += [f"{when}: {words}"]
         return "; then ".join(parts)
 
     def awaited(self, condition: commands.Condition) -> str:

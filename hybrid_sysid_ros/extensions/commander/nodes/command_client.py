@@ -24,6 +24,7 @@ from hybrid_sysid_ros.extensions.commander.language.command_interface import Com
 from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
+from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, STOP, stop_in
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import LoopMonitor
 from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import tracked_outputs
 from hybrid_sysid_ros.nodes import topics
@@ -34,6 +35,7 @@ from hybrid_sysid_ros.runtime.parameters import parameters
 from hybrid_sysid_ros.support.errors import UserError
 
 THERE_TIMEOUT = 3.0  # s, until a commander is heard of
+STOP_TIMEOUT = 1.0  # s, until whoever says stop says it to the controller
 POLL_PERIOD = 0.02  # s, between two looks whether it is
 ANSWER_TIMEOUT = 5.0  # s, for the answer of a service
 REPLY_TIMEOUT = 120.0  # s, for the simulation of the longest plan
@@ -48,9 +50,9 @@ FINAL = ("refused", "waits", "begins", "stopped")
 class CommandClient(CommandInterface):
     """The commander of a running loop, as whoever speaks sees it; its node spins in a thread of its own."""
 
-    def __init__(self, rig: Rig, *, context: Context | None = None) -> None:
-        """context: of its node, which is shut down with it; the process's own by default. Raises UserError where the
-        rig has no commander.
+    def __init__(self, rig: Rig, *, context: Context | None = None, stops: bool = False) -> None:
+        """context: of its node, which is shut down with it; the process's own by default. stops: whether it is there to
+        say stop, which goes to the controller where the rig has no commander. Raises UserError where it has none, else.
         """
         self._rig, namespace = rig, rig.namespace
         self._rehearsal: Rehearsal | None = None
@@ -68,6 +70,10 @@ class CommandClient(CommandInterface):
         self._setter = self._node.create_client(SetParameters, "commander/set_parameters")
         self._stop = self._node.create_client(Trigger, "commander/stop")
         self._confirm = self._node.create_client(Trigger, "commander/confirm")
+        self._stoppers = {
+            kind: self._node.create_client(Trigger, f"controller/{name}")
+            for kind, name in ((STOP, "stop"), (EMERGENCY, "estop"))
+        }
         self._getters = {name: self._node.create_client(GetParameters, f"{name}/get_parameters") for name in NODES}
         quality = topics.profile("command_reply")
         self._heard = self._node.create_subscription(DiagnosticStatus, "command_reply", self._hear, quality)
@@ -78,7 +84,10 @@ class CommandClient(CommandInterface):
         self._spinning.start()
         end = monotonic() + THERE_TIMEOUT
         while not (self._setter.service_is_ready() and self._node.count_publishers("command_reply")):
-            if monotonic() > end:
+            if stops and self._stoppers[STOP].service_is_ready():
+                if monotonic() > end - THERE_TIMEOUT + STOP_TIMEOUT:
+                    return
+            elif monotonic() > end:
                 self.close()
                 raise UserError(
                     f"no commander is there in /{namespace}: start one with the loop (hybrid-sysid run --commander), "
@@ -104,6 +113,10 @@ class CommandClient(CommandInterface):
         self._context.try_shutdown()
 
     def say(self, text: str) -> Reply:
+        if (said := stop_in(text)) and not self._setter.service_is_ready():
+            answer = self._ask(self._stoppers[said], Trigger.Request())
+            line = f"stopped: {answer.message or 'the inputs go to rest'} (no commander is there)"
+            return Reply(text=text, accepted=bool(answer.success), line=line)
         replies: Queue[DiagnosticStatus] = Queue()
         self._waiting.append(replies)
         try:
@@ -212,7 +225,7 @@ def main() -> int:
     asked = parser.parse_args()
     try:
         rig = rigs.load(asked.rig)
-        speaker = CommandClient(rig)
+        speaker = CommandClient(rig, stops=bool(stop_in(asked.say)))
         if asked.serve:
             from hybrid_sysid_ros.extensions.commander.language.server import server
 

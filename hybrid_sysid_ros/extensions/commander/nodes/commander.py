@@ -253,6 +253,8 @@ class CommanderNode(RigNode):
             self.ready = None
             interpreter.note(ready.sentence, plan.values[0])
             self.running = replace(ready, plan=plan, since=monotonic(), words=words)
+            if ready.sentence.guards:
+                self.wait_for(ready.sentence, plan.duration)
             self.started = self.monitor.stamp
             self.carried_out += 1
 
@@ -273,15 +275,18 @@ class CommanderNode(RigNode):
             self.stop(running.sentence.text)
         else:
             self.reply(running.sentence.text, "done", "done", OK, {})
-        self.wait_for(running.sentence)
+        if not running.sentence.guards:
+            self.wait_for(running.sentence)
 
     # Conditions.
 
-    def wait_for(self, sentence: Sentence) -> None:
-        """From now on, until the condition of a sentence comes true or its time is over."""
+    def wait_for(self, sentence: Sentence, ahead: float = 0.0) -> None:
+        """From now on, until the condition of a sentence comes true or its time is over, which begins ``ahead`` [s]
+        later.
+        """
         if sentence.later is not None and sentence.condition is not None:
             self.awaited = AwaitedCommand(
-                condition=sentence.condition, sentence=sentence.later, since=monotonic(),
+                condition=sentence.condition, sentence=sentence.later, since=monotonic() + ahead,
                 begin=self.monitor.shown_outputs(),
             )  # fmt: skip
 

@@ -255,6 +255,12 @@ def test_a_stop_that_waits_is_not_dropped_by_the_next_command(loop: DrivenRig) -
     assert loop.commander.monitor.shown_outputs()[0] < 1.5
 
 
+def test_a_stop_at_a_value_on_the_way_comes_on_the_way(loop: DrivenRig) -> None:
+    assert "; but once position reaches 1 V" in loop.say("go to 2 V in 4 s and stop when it reaches 1 V").message
+    loop.bench.until(lambda: loop.controller.operation.mode is ControllerMode.STOP)
+    assert loop.commander.monitor.shown_outputs()[0] == pytest.approx(1.0, abs=0.3)
+
+
 def test_a_condition_that_never_comes_is_reported_and_left_out(
     loop: DrivenRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -323,6 +329,15 @@ def test_a_client_tells_where_the_rig_is_and_what_would_come_of_a_command(
     monkeypatch.setattr(command_client, "LIVE", 0.0)
     with pytest.raises(UserError, match="no estimate has come for"):
         client.state()
+    client.close()
+
+
+def test_whoever_says_stop_stops_a_loop_without_a_commander(bench: Bench, context: Context) -> None:
+    controller = bench.start(ControllerNode, policy="exact", lockstep=True, latency=0.0)
+    call = Caller(bench)
+    client = call(CommandClient, controller.rig, context=context, stops=True)
+    assert call(client.say, "stop it now").line.startswith("stopped")
+    assert controller.operation.mode is ControllerMode.STOP
     client.close()
 
 
