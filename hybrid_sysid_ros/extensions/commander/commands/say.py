@@ -33,8 +33,9 @@ def command(
     ] = None,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
 ) -> None:
-    """Say a command to the commander of a running loop; with --dry, or where there is no ROS, to a simulated one. A stop
-    goes to the controller where there is no commander.
+    """Say a command to the commander of a running loop; with --dry, or where there is no ROS, to a simulated one.
+
+    A stop goes to the controller where there is no commander.
     """
     described = rigs.load(rig or rigs.default())
     if dry or not session.has_ros():
