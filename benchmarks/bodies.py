@@ -67,7 +67,7 @@ def body(rig_name: str, settings: dict[str, Any]) -> dict[str, Any]:
             found.append(made.step(*question[:4]))
             made.prepare(python.estimator.period)
             times.append(perf_counter() - began)
-        sections = _sections([*into.glob("*.o")])
+        sections = size_of([*into.glob("*.o")])
     return {
         "difference": max(largest_difference(found, answers).values()),
         "odd": max(done.differences["odd"].values()),
@@ -111,7 +111,7 @@ def _boards_table(found: dict[str, Any]) -> Table:
     return shown
 
 
-def _sections(objects: list[Path]) -> float:
+def size_of(objects: list[Path]) -> float:
     """Bytes of code and constants of object files; NaN where size is not installed."""
     if shutil.which("size") is None:
         return math.nan

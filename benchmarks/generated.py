@@ -14,7 +14,6 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -23,10 +22,11 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks import acados_peer, result
+from benchmarks.bodies import size_of
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.c_source import Text
-from hybrid_sysid_ros.extensions.export.unit.built import FLAGS, renamed
+from hybrid_sysid_ros.extensions.export.unit.built import FLAGS, build
 from hybrid_sysid_ros.extensions.export.unit.folder import export_loop
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.replay import recorded
@@ -64,17 +64,15 @@ def own(by: str, place: Path) -> dict[str, Any]:
     """Of the exported loop. place: an empty folder."""
     rig, model, folder = load(RIG), load_model(shipped(RIG, "model")), place / "unit"
     done = export_loop(rig, model, folder, settings={"real_time": True}, seal="", periods=PERIODS, shown=PERIODS)
-    common = [by, *FLAGS, "-g", "-I", str(folder), "-I", str(folder / "daqp")]
-    objects = []
-    for path in sorted((folder / "daqp").glob("*.c")):
-        objects.append(str(place / f"daqp_{path.stem}.o"))
-        subprocess.run([*common, "-w", *renamed(done.name), "-c", str(path), "-o", objects[-1]], check=True)
-    objects.append(str(place / "unit.o"))
-    subprocess.run([*common, "-c", str(folder / f"{done.name}.c"), "-o", objects[-1]], check=True)
-    test = str(place / "test")
-    subprocess.run([*common, str(folder / f"{done.name}_test.c"), *objects, "-o", test, "-lm"], check=True)
+    into, test = place / "built", str(place / "test")
+    into.mkdir()
+    build(by, folder, done.name, into, flags=("-g",))
+    objects = sorted(into.glob("*.o"))
+    source = folder / f"{done.name}_test.c"
+    includes = ["-I", str(folder), "-I", str(folder / "daqp")]
+    subprocess.run([by, *FLAGS, "-g", *includes, *map(str, (source, *objects)), "-o", test, "-lm"], check=True)
     counts = instructions([test], (f"{done.name}_step", f"{done.name}_prepare"), f"{done.name}_prepare", place)
-    return _row(counts, code=_bytes(objects), libraries=0, memory=done.bytes)
+    return _row(counts, code=size_of(objects), libraries=0, memory=done.bytes)
 
 
 def peer(by: str, place: Path) -> dict[str, Any]:
@@ -106,22 +104,16 @@ def peer(by: str, place: Path) -> dict[str, Any]:
     apart = np.abs(found - [answer.inputs[0] for answer in answers])
     counts = instructions([program], ("period",), "period", place, given)
     counts = counts[: 2 * PERIODS].reshape(-1, 2).sum(axis=1)
-    row = _row(counts, code=_bytes([str(generated)]), libraries=_bytes(map(str, libraries)), memory=int(plain.stderr))
+    row = _row(counts, code=size_of([generated]), libraries=size_of(libraries), memory=int(plain.stderr))
     return row | {"apart_p50": float(np.median(apart)), "apart_most": float(apart.max())}
 
 
-def _row(counts: Array, **sizes: int) -> dict[str, Any]:
+def _row(counts: Array, **sizes: float) -> dict[str, Any]:
     later = counts[1:]  # the first period begins from nothing
     return {
         "first": int(counts[0]), "median": float(np.median(later)), "percentile": float(np.percentile(later, 99)),
         "most": int(later.max()), **sizes,
     }  # fmt: skip
-
-
-def _bytes(files: Iterable[str]) -> int:
-    """Code, constants and initial values of object files and libraries."""
-    lines = subprocess.run(["size", *files], capture_output=True, text=True, check=True).stdout.splitlines()
-    return sum(int(line.split()[0]) + int(line.split()[1]) for line in lines[1:])
 
 
 def main() -> int:
