@@ -28,7 +28,6 @@ CHUNK = 2000
 NEAR = 0.3
 """Deviation of the instances from a miss, in pushes, disturbances and jitters of the training, at most."""
 
-
 SHARE = 0.1
 """Number of answers near misses to that of the samples so far."""
 
