@@ -105,6 +105,8 @@ class Share:
 class Clause:
     """What one part of a sentence says."""
 
+    then: bool = False
+    """Whether it begins with the word."""
     verbs: list[Symbol] = field(default_factory=list)
     quantities: list[Quantity] = field(default_factory=list)
     shares: list[Share] = field(default_factory=list)
@@ -150,8 +152,9 @@ class _Matcher:
     """Fits patterns to the symbols of one clause."""
 
     def __init__(self, part: Sequence[Symbol], vocabulary: Vocabulary) -> None:
-        self.part, self.vocabulary = part, vocabulary
-        self.made = Clause()
+        then = part[0].value == "then"
+        self.part, self.vocabulary = part[then:], vocabulary
+        self.made = Clause(then=then)
         self.output: int | None = None
         """That was named last."""
         self.waiting = False

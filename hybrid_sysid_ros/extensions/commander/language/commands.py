@@ -142,6 +142,8 @@ class Sentence:
     text: str
     commands: tuple[Command, ...]
     stops: bool = False
+    why: str = ""
+    """Why a text that says more is a stop at once; "" where it asks for one."""
     emergency: bool = False
     """Whether the inputs rest at once and stay there until somebody resets and arms the controller."""
     condition: Condition | None = None
@@ -152,6 +154,11 @@ class Sentence:
     def is_stop(self) -> bool:
         """Whether it asks for nothing but a stop, now."""
         return self.stops and not self.commands and self.later is None
+
+    @property
+    def because(self) -> str:
+        """Why it is a stop at once, behind a reply to it."""
+        return f" (what else was said is not done: {self.why})" if self.why else ""
 
     @property
     def guards(self) -> bool:

@@ -26,13 +26,15 @@ class Goals(Values):
 
     def goals(self) -> tuple[Goal, ...]:
         """All values that are left."""
-        sign, found = self.direction(), []
+        sign, found = self.direction(), list[Goal]()
         together = any(item.role == "to" for item in self.left)  # "up to 400 m and 15 m/s"
         after = {"by"} if sign or self.verb in ("go", "step", "ramp") else set()
         for item in [each for each in self.left if each.role in {"", "to", "at", *after}]:
             if item.base in (TIME, FREQUENCY, COUNT) or item.kind in ("amplitude", "frequency", "period"):
                 continue
             self.left.remove(item)
+            if sign and item.role == "" and found and not together:  # "raise height 100 m speed 10 m/s"
+                raise UserError(f"{item.text!r}: to that value, or by it, too? say 'then' and 'to' or 'by' before it")
             found.append(self.goal(replace(item, role=item.role or "to") if together else item, sign))
         found += self.shares(sign)
         if not found and sign and self.clause.bit:

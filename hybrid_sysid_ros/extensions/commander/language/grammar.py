@@ -20,6 +20,10 @@ CARRIED = ("go", "hold", "ramp", "step", "follow")
 """Verbs that count for the next part, too, where it has a value and no verb."""
 
 
+class DoubtfulTimeError(UserError):
+    """What is to come later, of which is unclear when."""
+
+
 def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sentence:
     """The commands of a sentence; files: those that it may follow. A text that says stop and is not understood is a
     stop, and one that speaks of an emergency is one whatever else it says. Raises UserError for any other that is not
@@ -35,10 +39,11 @@ def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sente
             understood.append(_sentence(text, language, vocabulary, files or Files()))
         except UserError as refusal:
             refusals[language] = refusal
-    if not understood and said:
-        return Sentence(text=text, commands=(), stops=True)
     if not understood:
         found = refusals[_language(text, vocabulary)]
+        if said:
+            why = str(found) if isinstance(found, DoubtfulTimeError) else ""
+            return Sentence(text=text, commands=(), stops=True, why=why)
         raise _foreign(found, text, vocabulary) if isinstance(found, UnknownWordError) else found
     if any(other != understood[0] for other in understood):
         raise UserError("this means one thing in English and another in Portuguese: say it in other words")
@@ -90,7 +95,13 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
             later = _stage(text, rest, vocabulary, files)
             return Sentence(text=text, commands=tuple(commands), condition=condition, later=later)
         if clause.delay is not None:
-            commands.append(Wait(seconds=Values(clause, vocabulary).delay()))
+            seconds = Values(clause, vocabulary).delay()
+            if "halt" in verbs and not clause.then:
+                raise DoubtfulTimeError(
+                    f"stop {clause.delay.text}: from now, or when the rest is done? say 'stop {clause.delay.text}' "
+                    f"alone before it, or 'then wait {seconds:g} s, then stop'"
+                )
+            commands.append(Wait(seconds=seconds))
         if "halt" in verbs:
             if clause.here or clause.quantities:
                 commands.append(_arrival(clause))
@@ -149,4 +160,11 @@ def _condition(clause: Clause, vocabulary: Vocabulary) -> Condition:
     if reached is None:
         return Condition()
     output = meaning.output(reached)
-    return Condition(output=output, value=meaning.value(reached, output))
+    value, shown = meaning.value(reached, output), vocabulary.outputs[output]
+    low, high = (float(end[output]) / shown.scale for end in vocabulary.rig.travel_of_outputs)
+    if not low <= value <= high:
+        raise DoubtfulTimeError(
+            f"{shown.name} never reaches {value:.4g} {shown.unit}: it travels from {low:.4g} to {high:.4g} "
+            f"{shown.unit}: give a value within"
+        )
+    return Condition(output=output, value=value)

@@ -122,8 +122,17 @@ class Interpreter:
         """The plan of commands from references (outputs,), as they are shown. Raises UserError for what the rig can't
         reach.
         """
-        ability = self.simulator.ability
-        return plan_of(sentence.commands, reference, self.vocabulary, ability, stops=sentence.stops)
+        plan = plan_of(sentence.commands, reference, self.vocabulary, self.simulator.ability, stops=sentence.stops)
+        condition = sentence.condition
+        if sentence.commands and not sentence.guards and condition is not None and condition.output is not None:
+            along = plan.values[:, condition.output] - condition.value
+            if along[0] * along[-1] < 0.0:
+                output = self.vocabulary.outputs[condition.output]
+                raise UserError(
+                    f"{output.name} passes {condition.value:.4g} {output.unit} on the way, where only a stop acts: say "
+                    f"'go to {condition.value:.4g} {output.unit}, then' what follows"
+                )
+        return plan
 
     def forecast(self, plan: ReferencePlan, start: Start) -> Forecast:
         """What a plan comes to. Raises UserError where it is refused."""
@@ -140,9 +149,16 @@ class Interpreter:
             later = self.plan(self.unfolded(sentence.later, last), plan.values[-1])
             when, words = self.awaited(sentence.condition), "; then ".join(later.story)
             if sentence.guards:
-                return f"{'; then '.join(parts)}; but {when} of its end: {words}"
+                return f"{'; then '.join(parts)}; but {when} of its end{self.missed(sentence, plan)}: {words}"
             parts += [f"{when}: {words}"]
         return "; then ".join(parts)
+
+    def missed(self, sentence: commands.Sentence, plan: ReferencePlan) -> str:
+        """That a plan does not lead to the value that a stop waits for; "" where it does."""
+        condition = sentence.condition
+        assert condition is not None
+        along = plan.values[:, condition.output] - condition.value
+        return ", which the plan does not reach" if along.min() > 0.0 or along.max() < 0.0 else ""
 
     def awaited(self, condition: commands.Condition) -> str:
         """A condition in words."""
@@ -159,7 +175,7 @@ class Interpreter:
             sentence = self.read(text)
             if sentence.is_stop:
                 what = "emergency stop" if sentence.emergency else "stop"
-                return Reply(text=text, accepted=True, line=f"{what}: the inputs go to rest at once")
+                return Reply(text=text, accepted=True, line=f"{what}: the inputs go to rest at once{sentence.because}")
             begin = np.zeros(len(self.vocabulary.outputs)) if reference is None else reference
             plan = self.plan(sentence, begin)
             forecast = self.forecast(plan, start or self.simulator.rest)

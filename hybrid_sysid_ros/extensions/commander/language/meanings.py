@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from hybrid_sysid_ros.extensions.commander.language import commands
-from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause
+from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause, Quantity
 from hybrid_sysid_ros.extensions.commander.language.files import Files, is_picture
 from hybrid_sysid_ros.extensions.commander.language.goals import Goals
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
@@ -38,10 +38,9 @@ class Meaning(Goals):
         found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
         if "repeat" in found and len(found) > 1 and self.left:
             found.remove("repeat")
-        if found == ["repeat"]:  # "the same but slower", "repeat that at half the amplitude", "again at 1 Hz"
-            self.left = [replace(item, kind="frequency") if item.base == FREQUENCY else item for item in self.left]
-            if clause.nouns or clause.comparatives or any(item.kind for item in self.left):
-                found = ["go"]
+        changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
+        if found == ["repeat"] and changed:  # "the same but slower", "at half the amplitude", "again at 1 Hz"
+            found = ["go"]
         for general in ("go", "step", "ramp", "back"):
             if general in found and len(found) > 1 and set(found) & SPECIFIC:
                 found.remove(general)
@@ -207,8 +206,16 @@ class Meaning(Goals):
         clause = self.clause
         if clause.comparatives and not self.changed():
             return self.compared()
-        adjusted = clause.nouns or [item.kind for item in self.left if item.kind in ("amplitude", "frequency")]
+        adjusted = clause.nouns or [self.adjusted(item) for item in self.left if self.adjusted(item)]
         return self.adjust(adjusted[0]) if adjusted else self.move("smooth")
+
+    def adjusted(self, item: Quantity) -> str:
+        """Which noun of the last swing a quantity changes; "": none. "The same at 1 Hz" needs no noun."""
+        if item.base == FREQUENCY and {symbol.value for symbol in self.clause.verbs} == {"repeat"}:
+            return "frequency"
+        if item.kind == "peak_to_peak":
+            return "amplitude"
+        return item.kind if item.kind in ("amplitude", "frequency", "period") else ""
 
     def changed(self) -> bool:
         """Whether a comparison says by how much a speed changes, as "5 rpm faster" does; it is a direction then."""
@@ -234,29 +241,43 @@ class Meaning(Goals):
         return commands.Adjust(noun="speed" if len(targets) == 1 else "frequency", value=factor, how="times")
 
     def adjust(self, noun: str) -> commands.Command:
-        """Another amplitude or frequency of the last swing."""
+        """Another amplitude, frequency or period of the last swing."""
         clause = self.clause
         sign = self.direction()
-        quantity = self.take(lambda item: item.kind == noun or item.kind == "")
+        quantity = self.take(lambda item: item.kind == "" or self.adjusted(item) == noun)
         share = clause.shares.pop() if clause.shares else None
         clause.nouns, clause.directions = [], []
         if (quantity is None) == (share is None):
             raise UserError(f"{noun} to what? say for example 'swing with an amplitude of 1 {self.example} at 0.5 Hz'")
         if share is not None:
             factor = share.factor if share.role != "by" else 1.0 + (sign or 1.0) * share.factor
-            return commands.Adjust(noun=noun, value=factor, how="times")
+            return self.times(noun, factor)
         assert quantity is not None
         relative = quantity.role == "by" or (sign != 0.0 and quantity.role == "")
         if quantity.base == PERCENT:
             factor = 0.01 * quantity.value
-            return commands.Adjust(noun=noun, value=1.0 + (sign or 1.0) * factor if relative else factor, how="times")
+            return self.times(noun, 1.0 + (sign or 1.0) * factor if relative else factor)
+        if noun == "period":
+            if quantity.base != TIME or relative:
+                raise UserError(f"{quantity.text!r}: say how long a period is to be, as in 'set the period to 4 s'")
+            return commands.Adjust(noun="frequency", value=1.0 / self.time(quantity), how="to")
         if noun == "frequency" and quantity.base != FREQUENCY:
             raise UserError(f"{described(quantity)} is no frequency: give it in Hz")
         output = self.output(quantity)
         value = quantity.said if noun == "frequency" else self.value(quantity, output, relative=True)
+        value *= 0.5 if quantity.kind == "peak_to_peak" else 1.0
         return commands.Adjust(
             noun=noun, value=(sign or 1.0) * value if relative else value, how="by" if relative else "to"
         )
+
+    def times(self, noun: str, factor: float) -> commands.Adjust:
+        """So many times the noun; of a period the frequency is as much less. Raises UserError for a factor of 0."""
+        if noun == "period" and factor <= 0.0:
+            raise UserError("a period of 0 is none: say half, or how long it is to be")
+        return commands.Adjust(
+            noun="frequency" if noun == "period" else noun, value=1.0 / factor if noun == "period" else factor,
+            how="times",
+        )  # fmt: skip
 
     def move(self, shape: str) -> commands.Move:
         """To one or several goals."""

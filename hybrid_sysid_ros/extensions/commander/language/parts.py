@@ -11,7 +11,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 
 def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
-    """Symbols between marks, "then", and an "and" or a comma before a verb."""
+    """Symbols between marks, "then", with which a part may begin, and an "and" or a comma before a verb."""
     made: list[list[Symbol]] = [[]]
     for k, symbol in enumerate(found):
         following = found[k + 1].kind if k + 1 < len(found) else ""
@@ -25,7 +25,7 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         if _waits(made[-1], symbol, following):
             made.append([symbol])
         elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :])):
-            made.append([])
+            made.append([symbol] if symbol.value == "then" else [])
         elif symbol.kind != ",":
             made[-1].append(symbol)
     return [part for part in made if part]

@@ -26,6 +26,8 @@ class _Patterns(NamedTuple):
     stop: re.Pattern[str]
     not_stop: re.Pattern[str]
     slips: frozenset[str]
+    whole: frozenset[str]
+    """Those whose slips these are."""
     articles: frozenset[str]
 
 
@@ -46,10 +48,16 @@ def folded(text: str) -> str:
 
 
 def _normalised(text: str, patterns: _Patterns) -> str:
-    """Words with a space around each, "|" for marks; letters that were repeated or spelled out are joined."""
+    """Words with a space around each, "|" for marks; letters that were repeated or spelled out are joined, and words
+    that a space has cut ("st op").
+    """
     said = " ".join("|" if len(word) == 1 and not word.isalnum() else word for word in TOKEN.findall(_apart(text)))
     said = SPELLED.sub(lambda match: match[0].replace(" ", ""), said.replace(" | ", "|").replace("|", " | "))
-    return f" {' '.join(_joined(word) for word in said.split() if word not in patterns.articles)} "
+    words = said.split()
+    for k in range(len(words) - 1, 0, -1):
+        if words[k - 1] + words[k] in patterns.whole:
+            words[k - 1 : k + 1] = [words[k - 1] + words[k]]
+    return f" {' '.join(_joined(word) for word in words if word not in patterns.articles)} "
 
 
 def _apart(text: str) -> str:
@@ -90,6 +98,7 @@ def _patterns() -> _Patterns:
         stop=re.compile(stop),
         not_stop=re.compile(not_stop),
         slips=frozenset(slip for word in table["slips"] for slip in _slips(word) if len(slip) >= SHORTEST) - {"step"},
+        whole=frozenset(table["slips"]),
         articles=frozenset(table["articles"]),
     )
 

@@ -150,13 +150,13 @@ class CommanderNode(RigNode):
         sentence = read(text, self.vocabulary)
         if not sentence.ends_in_stop:  # what goes before a stop can't be carried out now
             raise UserError(self.interpreting.missing if self.active else f"the commander is {self.state}: activate it")
-        self.stop(text, emergency=sentence.emergency)
+        self.stop(text, emergency=sentence.emergency, because=sentence.because)
 
     def _act(self, sentence: Sentence) -> None:
         """Stop, or plan and begin to check; raises UserError for what is refused."""
         text, interpreter = sentence.text, self.interpreting.interpreter
         if sentence.is_stop:
-            self.stop(text, emergency=sentence.emergency)
+            self.stop(text, emergency=sentence.emergency, because=sentence.because)
             return
         if interpreter is None:
             raise UserError(self.interpreting.missing)
@@ -316,9 +316,9 @@ class CommanderNode(RigNode):
             response.message = str(error)
         return response
 
-    def stop(self, text: str, *, emergency: bool = False) -> None:
-        """Inputs to rest; in an emergency, until the controller is reset and armed. Raises UserError where there is no
-        controller.
+    def stop(self, text: str, *, emergency: bool = False, because: str = "") -> None:
+        """Inputs to rest; in an emergency, until the controller is reset and armed. because: of a stop that nobody
+        asked for at once. Raises UserError where there is no controller.
         """
         self.turn += 1
         stopper = self.controller.latcher if emergency else self.controller.stopper
@@ -334,7 +334,7 @@ class CommanderNode(RigNode):
             self.controller.call(stopper)
         if self.active:
             latched = ", and the controller until it is reset and armed" if emergency else ""
-            words = f"the inputs go to rest; the commander is disarmed{latched}"
+            words = f"the inputs go to rest; the commander is disarmed{latched}{because}"
             self.reply(text, "stopped", words, OK, {})
             self.staying = True
 

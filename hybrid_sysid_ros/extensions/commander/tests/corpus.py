@@ -38,6 +38,13 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "home", [HOME]),
     (BEAM, "repeat the last experiment", Refused("repeat")),  # nothing was carried out yet
     (BEAM, "follow hardware", [follow("hardware")]),
+    # One direction is not that of the value behind it, and what changes a swing moves nothing by itself.
+    (CONE, "raise height 100 m speed 10 m/s", Refused("to that value, or by it, too?")),
+    (CONE, "mach 15", Refused("say a speed with its unit")),
+    (BEAM, "go to one volt period", Refused("how long a period")),
+    (BEAM, "increase the period by 2 s", Refused("how long a period")),
+    (BEAM, "go to 2 V, then stop after 3 s", [go(2), wait(3), STOP]),
+    (BEAM, "when it reaches 100 V, go home", Refused("never reaches 100 V")),
     # Holding and going.
     (BEAM, "Hold 1.5 V.", [go(1.5)]),
     (BEAM, "hold at -0.5 V for 10 s", [go(-0.5, hold=10)]),

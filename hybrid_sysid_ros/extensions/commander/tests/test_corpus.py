@@ -134,6 +134,40 @@ def test_what_changes_a_swing_changes_that_of_its_own_sentence() -> None:
     assert second == replace(first, low=-2.0, high=2.0)
 
 
+@pytest.mark.parametrize(
+    ("text", "low", "frequency"),
+    [
+        ("double the period", -3.0, 0.5), ("set the period to 4 s", -3.0, 0.25), ("again at 2 Hz", -3.0, 2.0),
+        ("set the peak to peak amplitude to 2 V", -1.0, 1.0), ("halve the amplitude", -1.5, 1.0),
+    ],
+)  # fmt: skip
+def test_the_last_swing_changes_by_its_noun(text: str, low: float, frequency: float) -> None:
+    reader = replace(interpreter("cam_beam"))
+    reader.note(reader.read("swing between -3 and 3 V at 1 Hz for 10 s"), np.zeros(1))
+    (changed,) = reader.read(text).commands
+    assert isinstance(changed, Swing)
+    assert (changed.low, changed.frequency) == pytest.approx((low, frequency))
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("go to 3 V, and when it reaches 1 V go to 0", "passes 1 V on the way, where only a stop acts"),
+        ("go to 2 V and stop when it reaches 3 V", "which the plan does not reach: inputs to rest"),
+        ("go to 3 V and stop when it reaches 1 V", "within 30 s of its end: inputs to rest"),
+    ],
+)
+def test_a_value_on_the_way_is_said_as_it_is_watched(monkeypatch: pytest.MonkeyPatch, text: str, answer: str) -> None:
+    monkeypatch.setattr(Simulator, "ability", Ability(speed=np.array([10.0]), acceleration=np.array([100.0])))
+    reader = interpreter("cam_beam")
+    sentence = reader.read(text)
+    try:
+        said = reader.story(sentence, reader.plan(sentence, np.zeros(1)))
+    except UserError as refusal:
+        said = str(refusal)
+    assert answer in said
+
+
 def test_back_after_a_condition_is_where_its_sentence_began(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not where the one before it began, which "undo" alone would mean."""
     monkeypatch.setattr(Simulator, "ability", Ability(speed=np.array([10.0]), acceleration=np.array([100.0])))

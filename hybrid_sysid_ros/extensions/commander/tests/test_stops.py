@@ -17,6 +17,7 @@ SAID = {
         move | stand still | knock it off | oh no stop | no, stop! | oh no it is shaking stop | please
         brake | you must abort now | go to 99 V stop | can't you stop |
         never mind | Nevermind! | forget it | no more! | don't continue | never mind, go to 2 V |
+        st op | s top | bring it to rest | let it rest |
         do not move stop | don't wait stop | without delay stop | do not go halt | no! | no, no, no! | oh no
     """,
     "pt": """
@@ -26,16 +27,16 @@ SAID = {
     """,
     "es": """
         para ya | párate | deténgase | detente | detener | ¡alto! | basta ya | frena | apágalo | apague el
-        motor | cancelar | no te muevas | quieto | parad, detened, paren | freno
+        motor | cancelar | llévalo al reposo | no te muevas | quieto | parad, detened, paren | freno
     """,
     "de": """
         stopp | halt | Halt an! | anhalten | stehen bleiben | bleib sofort stehen | abbrechen | Abbruch |
         brems | bremsen | schalte den Motor aus | mach es aus | aus | hör auf | Hör auf damit! | Schluss |
-        genug | nicht bewegen | nicht weiter stopp | nein
+        genug | bring es zur Ruhe | nicht bewegen | nicht weiter stopp | nein
     """,
     "fr": """
         arrête | ARRÊTEZ | arrête-toi | arrêter | arrêt | stoppez | halte ! | ça suffit | c'est assez |
-        freine | coupe le moteur | ne bouge plus | ne bougez pas | annule | non
+        freine | mets-le au repos | coupe le moteur | ne bouge plus | ne bougez pas | annule | non
     """,
 }
 ALONE = {
@@ -46,11 +47,11 @@ ALONE = {
 LATCHING = """
     emergency | emergency stop | E-STOP | estop now | cut the power | kill it | pull the plug | emergência |
     parada de emergência | corta a energia | socorro | emergencia | corta la corriente | Not-Aus | NOTAUS |
-    Nothalt | arrêt d'urgence | coupe le courant
+    emer gency | Nothalt | arrêt d'urgence | coupe le courant
 """
 NONE = """
-    don't stop | do not ever stop | never stop | go to 3 V without stopping | não pare | no pares | n'arrête
-    pas | ne t'arrête pas | nicht anhalten | hör nicht auf | halt nicht an | sem parar | step to 3 V | vai para
+    don't st op | don't stop | do not ever stop | never stop | go to 3 V without stopping | não pare | no pares |
+    n'arrête pas | ne t'arrête pas | nicht anhalten | hör nicht auf | halt nicht an | sem parar | step to 3 V | vai para
     3 graus | de 1 para 2 V | sobe mais alto que 3 | half of 3 V | what is the weather like |
     go no more than 2 V | don't forget to go to 2 V | you need not stop | it must not stop |
     you don't have to stop | don't you ever stop
@@ -79,3 +80,20 @@ def test_an_emergency_latches_whatever_else_is_said(text: str) -> None:
 @pytest.mark.parametrize("text", listed(NONE))
 def test_what_asks_for_no_stop_is_none(text: str) -> None:
     assert stop_in(text) == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("go to 2 V and stop in 5 s", "from now, or when the rest is done"),
+        ("go to 2 V and stop after 10 s", "from now, or when the rest is done"),
+        ("stop when it reaches 100 V", "never reaches 100 V"),
+        ("arrête", ""),
+        ("oh dear stop", ""),
+    ],
+)
+def test_a_stop_in_doubt_is_one_at_once_and_says_why(text: str, why: str) -> None:
+    sentence = grammar.read(text, Vocabulary.of(rigs.load("cam_beam")))
+    assert sentence.is_stop
+    assert why in sentence.because
+    assert bool(why) == bool(sentence.because)
