@@ -41,13 +41,15 @@ def test_a_plan_keeps_the_bounds_of_inputs_and_of_their_changes(previous, change
 
 
 class Calls(list[tuple[object, ...]]):
-    """What the feedback phase does, where a step is predicted to cost 100 and costs something else."""
+    """What the feedback phase does, where a step that changes costs by 100 is predicted to cost 100 and costs something
+    else.
+    """
 
     def __init__(
         self, monkeypatch: pytest.MonkeyPatch, cost: float, *, expected: float = 100.0, solvable: bool = True
     ) -> None:
         super().__init__()
-        answers = {"make_step": (expected, cost), "improve": "about the state itself"}
+        answers = {"make_step": (expected, 100.0, cost), "improve": "about the state itself"}
         for name in ("evaluate_program", "make_step", "apply_step", "assign", "improve"):
             monkeypatch.setattr(shooting, name, self._noted(name, answers.get(name)))
         program = SimpleNamespace(solve=lambda *_: solvable, keep_working_set=self._noted("keep", None))
@@ -86,11 +88,12 @@ def test_a_step_that_costs_more_is_taken_back_and_made_about_the_state_itself(mo
 
 
 def test_a_cost_below_zero_is_judged_as_one_above(monkeypatch):
-    """Economic problems have prices of either sign."""
-    assert Calls(monkeypatch, -100.0, expected=-100.0).feedback().iterations == 1
-    assert Calls(monkeypatch, -100.0 * (1.0 - 1.1 * sequential.DOUBT), expected=-100.0).feedback() == (
-        "about the state itself"
-    )
+    """Economic problems have prices of either sign, and a constant in them changes nothing."""
+    for constant in (-1e4, -100.0, 0.0, 1e4):
+        assert Calls(monkeypatch, constant + 90.0 * sequential.DOUBT, expected=constant).feedback().iterations == 1
+        assert Calls(monkeypatch, constant + 110.0 * sequential.DOUBT, expected=constant).feedback() == (
+            "about the state itself"
+        )
 
 
 def test_without_a_solution_the_trajectory_stays(monkeypatch):

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.mpc_speed import cases, loop
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.mpc.sequential import ASSURED
+from hybrid_sysid_ros.control.terms import StageTerm
 from hybrid_sysid_ros.core import simulate
 from tests.control.beam_problem import PROBLEM
 
@@ -51,6 +52,25 @@ def test_a_period_linearises_twice_only_where_a_prepared_step_did_not_cost_what_
     assert prepared[21], "at rest it was prepared"
     assert not any(prepared[22:50])
     assert all(prepared[51:]), "and is so again"
+
+
+@pytest.mark.parametrize("constant", [-1e3, 1e3])
+def test_a_constant_in_the_cost_changes_neither_a_plan_nor_when_one_is_prepared(rig, constant):
+    def answers(value):
+        priced = StageTerm(name="priced", value=value, price=0.01)
+        mpc = ExactMpc(rig.system, dataclasses.replace(PROBLEM, terms=(priced,)), real_time=True)
+        random, x, u, found = np.random.default_rng(1), np.zeros(2), np.array([rig.system.centre]), []
+        for k in range(80):
+            preview = np.full((10, 1), 0.05 if (k // 40) % 2 else -0.05)
+            u = mpc.control(x, np.zeros(1), u, preview).input
+            mpc.prepare(PROBLEM.period)
+            found.append((*u, *mpc.shooting.horizon.progress["foreseen"]))
+            x = simulate(rig.system, x, np.tile(u, (4, 1)), step=0.005)[-1] + random.normal(size=2) * (0.0, 0.02)
+        return np.array(found)
+
+    plain = answers("position")
+    assert 0.0 < np.mean(plain[:, 1] > 0.0) < 1.0, "some costs are foreseen, and some are not"
+    np.testing.assert_allclose(answers(f"position + {constant}"), plain, atol=1e-7)
 
 
 def test_on_the_lecture_s_polynomial_one_iteration_a_call_costs_little():

@@ -172,6 +172,12 @@ def give_up(mpc: MpcMemory, instance: Instance, cold: bool) -> None:
 
 
 @kernel
+def adopt_call(mpc: MpcMemory, disturbance: Array, inputs: Array, states: Array) -> None:
+    """:func:`adopt_plan` for Python."""
+    adopt_plan(mpc, disturbance, inputs, states)
+
+
+@kernel
 def prepare_call(mpc: MpcMemory, elapsed: float) -> None:
     """:func:`prepare_mpc` for Python."""
     prepare_mpc(mpc, elapsed)

@@ -74,17 +74,16 @@ def cost_of(horizon: Horizon, instance: Instance) -> float:
     """Cost of the trajectory."""
     cost = 0.0
     for i in range(horizon.inputs.shape[0]):
-        before = instance.previous if i == 0 else horizon.inputs[i - 1]
-        cost += stage_cost(
-            horizon.weights,
-            i,
-            horizon.linear.outputs[i],
-            instance.preview[i],
-            horizon.inputs[i],
-            before,
-            horizon.states[i + 1],
-        )
+        cost += _cost_of_stage(horizon, instance, i)
     return cost
+
+
+@inner
+def _cost_of_stage(horizon: Horizon, instance: Instance, i: int) -> float:
+    """Cost of stage i of the trajectory."""
+    y, u, x = horizon.linear.outputs[i], horizon.inputs[i], horizon.states[i + 1]
+    before = instance.previous if i == 0 else horizon.inputs[i - 1]
+    return stage_cost(horizon.weights, i, y, instance.preview[i], u, before, x)  # type: ignore[no-any-return]
 
 
 @inner
@@ -279,12 +278,14 @@ def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None
 
 
 @inner
-def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
-    """Compute the step of inputs and states from a solution of the program; return the predicted cost."""
+def expand(horizon: Horizon, program: Program, instance: Instance) -> tuple[float, float]:
+    """Compute the step of inputs and states from a solution of the program; return the cost that it predicts, and the
+    sum of the changes of all stages' costs by it, each without its sign.
+    """
     linear, step = horizon.linear, horizon.step
     (count, n), m, values = linear.reached.shape, horizon.inputs.shape[1], linear.outputs.shape[1]
     y, u, before, x = np.empty(values), np.empty(m), np.empty(m), np.empty(n)
-    cost = 0.0
+    cost = change = 0.0
     for i in range(count):
         for j in range(m):
             step.inputs[i, j] = program.solution[horizon.limits.moves[i] * m + j]
@@ -300,10 +301,12 @@ def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
             y[k] = _expected(horizon, instance, i, k)
             for j in range(m):
                 y[k] += linear.D[i, k, j] * step.inputs[i, j]
-        cost += stage_cost(horizon.weights, i, y, instance.preview[i], u, before, x)
+        moved = stage_cost(horizon.weights, i, y, instance.preview[i], u, before, x)
+        cost += moved
+        change += abs(moved - _cost_of_stage(horizon, instance, i))
         for j in range(m):
             before[j] = u[j]
-    return cost
+    return cost, change
 
 
 @inner

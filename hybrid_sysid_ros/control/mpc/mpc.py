@@ -17,6 +17,7 @@ from hybrid_sysid_ros.control.mpc.batch import PIECE, Effort, LoopArrays, MpcAns
 from hybrid_sysid_ros.control.mpc.calls import (
     CALL,
     MpcMemory,
+    adopt_call,
     forget_call,
     give_up,
     prepare_again,
@@ -25,7 +26,7 @@ from hybrid_sysid_ros.control.mpc.calls import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Instance, new_instance
 from hybrid_sysid_ros.control.mpc.sequential import LIFTED
-from hybrid_sysid_ros.control.mpc.shooting import CONVERGE, FEEDBACK, HorizonMemory, rollout, shooting
+from hybrid_sysid_ros.control.mpc.shooting import FEEDBACK, HorizonMemory, rollout, shooting
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
@@ -130,11 +131,14 @@ class ExactMpc:
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
         """Take another controller's plan as the last one: inputs (N, m) and their states (N + 1, n) under an input
-        disturbance (m,).
+        disturbance (m,). Raises UserError for other shapes.
         """
         horizon = self._shooting.horizon
-        horizon.disturbance[:], horizon.inputs[:], horizon.states[:] = disturbance, inputs, states
-        self._call["cold"], self._call["way"] = 0, CONVERGE
+        parts = [np.ascontiguousarray(part, dtype=float) for part in (disturbance, inputs, states)]
+        for part, own in zip(parts, (horizon.disturbance, horizon.inputs, horizon.states), strict=True):
+            if part.shape != own.shape:
+                raise UserError(f"adopt: a part of the plan has shape {part.shape}; it needs {own.shape}")
+        adopt_call(self.compiled, *parts)
 
     def prepare(self, elapsed: float) -> None:
         """Shift the plan by the time until the next call [s], and in real time linearise there."""

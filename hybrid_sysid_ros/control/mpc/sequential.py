@@ -32,7 +32,7 @@ from hybrid_sysid_ros.control.mpc.curvature import (
 from hybrid_sysid_ros.control.mpc.forms import condense_hessian
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
-from hybrid_sysid_ros.control.mpc.line_search import look_along, search_along
+from hybrid_sysid_ros.control.mpc.line_search import RISE, look_along, search_along
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow, keep_hard, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
 from hybrid_sysid_ros.control.stage_cost import is_squared
@@ -47,7 +47,9 @@ STALLED, PATIENCE = 0.5, 8
 """Ratio of residuals above which a step with curvature has stalled, and number of steps before this counts."""
 
 DOUBT = 0.05
-"""Share by which the cost of a simulated plan may exceed the cost that its linear model predicts."""
+"""Share of what a step changes in the stages' costs by which the cost of the simulated plan may exceed the cost that
+its linear model predicts. A share of the cost itself would depend on constants in it, which move no plan.
+"""
 
 ASSURED = 10
 """Steps in a row whose cost was predicted, after which a program is prepared for the next one."""
@@ -119,23 +121,29 @@ def improve(
     if not _solve_program(horizon, program):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
-    expected = expand(horizon, program, instance) if judged else 0.0
+    expected, change = expand(horizon, program, instance) if judged else (0.0, 0.0)
     search_along(prediction, horizon, program, instance, cost, True, False)
     horizon.progress[0].steps = 1
     if judged:
         found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
-        foreseen(horizon, expected, found)
+        foreseen(horizon, expected, change, found)
     return SolverResult(False, 1, np.inf)
 
 
 @inner
-def foreseen(horizon: Horizon, expected: float, found: float) -> bool:
-    """Whether a simulated plan costs what its linear model predicts, J <= J_expected + DOUBT |J_expected|. How often in
-    a row that was so is counted.
+def foreseen(horizon: Horizon, expected: float, change: float, found: float) -> bool:
+    """Whether a simulated plan costs what its linear model predicts, see :func:`_as_expected`. How often in a row that
+    was so is counted.
     """
     progress = horizon.progress[0]
-    progress.foreseen = progress.foreseen + 1 if found <= expected + DOUBT * abs(expected) else 0
+    progress.foreseen = progress.foreseen + 1 if _as_expected(expected, change, found) else 0
     return progress.foreseen > 0  # type: ignore[no-any-return]
+
+
+@inner
+def _as_expected(expected: float, change: float, found: float) -> bool:
+    """J <= J_expected + DOUBT sum |change of a stage's cost|, but for rounding."""
+    return found <= expected + DOUBT * change + RISE * abs(expected)
 
 
 @inner
@@ -170,13 +178,13 @@ def _lift(
         if not _solve_program(horizon, program):
             break
         quadratic.keep_working_set(program)
-        expected, found = make_step(prediction, horizon, program, instance)
+        expected, change, found = make_step(prediction, horizon, program, instance)
         done += 1
         uphill = 0 if found <= cost else uphill + 1
         if uphill == 0:
             cost = found
             assign_rows(horizon.inputs, horizon.planned)
-            if found <= expected + DOUBT * abs(expected):
+            if _as_expected(expected, change, found):
                 break
         linearise(prediction, horizon, prediction.smoothing, False)
     assign_rows(horizon.planned, horizon.inputs)
@@ -187,16 +195,16 @@ def _lift(
 @inner
 def make_step(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance
-) -> tuple[float, float]:
-    """Make the whole step of a solution, in the states by their linear prediction; return the cost that it predicts,
-    and that of the inputs when they are simulated.
+) -> tuple[float, float, float]:
+    """Make the whole step of a solution, in the states by their linear prediction; return what :func:`expand` does, and
+    the cost of the inputs when they are simulated.
     """
-    expected = expand(horizon, program, instance)
+    expected, change = expand(horizon, program, instance)
     apply_step(horizon, 1.0)
     if horizon.limits.hard.any():
         keep_hard(prediction, horizon, instance.previous)
     found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
-    return expected, found
+    return expected, change, found
 
 
 @inner

@@ -158,8 +158,8 @@ def iterate(
         if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
             return SolverResult(False, 0, np.inf)
         quadratic.keep_working_set(program)
-        expected, found = make_step(prediction, horizon, program, instance)
-        if foreseen(horizon, expected, found):
+        expected, change, found = make_step(prediction, horizon, program, instance)
+        if foreseen(horizon, expected, change, found):
             assign(horizon.disturbance, instance.disturbance)
             return SolverResult(False, 1, np.inf)
         apply_step(horizon, -1.0)
