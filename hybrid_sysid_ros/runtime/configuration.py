@@ -189,7 +189,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     plain = ControlProblem(
         horizon=values["horizon"],
         period=values["period"],
-        substeps=_substeps(values, system),
+        substeps=_substeps(values, rig, system),
         output_weights=listed(values, "output_weight", "parameter", outputs),
         rate_weights=of_inputs("rate_weight"),
         input_low=tuple(np.maximum(low, of_inputs("input_low")).tolist()),
@@ -207,24 +207,49 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     return mpc_section.declared(rig, system, plain)
 
 
-def _substeps(values: Mapping[str, Any], system: System) -> int:
+def _substeps(values: Mapping[str, Any], rig: Rig, system: System) -> int:
     """Steps in an interval: a whole number of the model's own steps where it has them, else the fewest from `substeps`
-    on in which nothing about zero grows that does not grow in FINEST: an explicit step is stable only where it is short
-    beside the fastest mode (Hairer and Wanner 1996, Solving ODEs II, section IV.2).
+    on in which nothing grows that does not grow in twice FINEST: an explicit step is stable only where it is short
+    beside the fastest mode (Hairer and Wanner 1996, Solving ODEs II, section IV.2). That is asked about zero, and about
+    each end of the rig's range of a state or an input.
+
+    Raises UserError where that takes more than FINEST steps.
     """
     if system.sampling_time is not None:
         return max(1, round(values["period"] / system.sampling_time))
-    given, zero = int(values["substeps"]), (np.zeros(len(system.states)), np.zeros(len(system.inputs)))
+    count, n = int(values["substeps"]), len(system.states)
 
-    def growth(count: int) -> float:
-        step = values["period"] / count
-        _, jacobian = step_with_jacobian(system, *zero, step=step, smoothing=values["smoothing"])
-        transition = jacobian[:, : len(system.states)]
-        finite = np.isfinite(transition).all()
-        return float(np.max(np.abs(np.linalg.eigvals(transition)))) ** count if finite else math.nan
+    def growth(point: Array, steps: int) -> float:
+        """Logarithm of the largest growth over an interval; NaN where the model has no derivatives."""
+        step = values["period"] / steps
+        _, jacobian = step_with_jacobian(system, point[:n], point[n:], step=step, smoothing=values["smoothing"])
+        finite = np.isfinite(jacobian).all()
+        return steps * math.log(max(np.abs(np.linalg.eigvals(jacobian[:, :n])).max(), 1e-300)) if finite else math.nan
 
-    bound = 1.1 * growth(FINEST)
-    return next((count for count in range(given, FINEST) if not growth(count) > bound), given)
+    for where, point in _range_ends(rig, system):
+        bound = math.log(1.1) + growth(point, 2 * FINEST)
+        held = next((steps for steps in range(count, FINEST + 1) if not growth(point, steps) > bound), None)
+        if held is None and count <= FINEST:
+            raise UserError(
+                f"parameter substeps: about {where} the model's fastest mode is too fast for {FINEST} steps in an "
+                f"interval of {values['period']:g} s; shorten period, raise smoothing, or correct the model there"
+            )
+        count = held or count
+    return count
+
+
+def _range_ends(rig: Rig, system: System) -> list[tuple[str, Array]]:
+    """Zero, and each finite end of the rig's range of a state or an input where all else is zero: its name, and states
+    and inputs (n + m,) of the system.
+    """
+    bounds, low, high = state_bounds(rig), *rig.limits
+    ends = [bounds.get(item.name, FREE) for item in system.states] + list(zip(low, high, strict=True))
+    points = [("zero", np.zeros(len(ends)))]
+    for k, (item, values) in enumerate(zip((*system.states, *system.inputs), ends, strict=True)):
+        for value in values:
+            if math.isfinite(value) and abs(value) < NONE:
+                points.append((f"{item.name} = {value:g}", np.where(np.arange(len(ends)) == k, value, 0.0)))
+    return points
 
 
 def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: ControlProblem) -> Tolerances:
