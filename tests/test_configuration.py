@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 import yaml
 
-from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core import RungeKutta, System
+from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.rigs.folder import names
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration, parameters
 from hybrid_sysid_ros.runtime.configuration import NodeParameter
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper, parsed
 
@@ -124,6 +126,33 @@ def test_a_model_that_holds_at_one_step_is_predicted_by_its_own(rig: Rig) -> Non
     assert configuration.mpc_problem(values, rig, model).substeps == 4
     with pytest.raises(UserError, match=r"ResidualHybrid steps by 0\.005 s, the problem by 0\.006 s"):
         configuration.mpc_problem(values | {"period": 0.006}, rig, model)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Thickening(System):
+    """A joint in a medium that damps the more the further it is from the middle."""
+
+    states = ("position [rad]", "velocity [rad/s]")
+    inputs = ("voltage [V]",)
+    outputs = ("position",)
+    stepper = RungeKutta()
+    far: float = 0.0
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[1], u[0] - 10.0 * x[0] - (5.0 + self.far * x[0] ** 2) * x[1]
+
+
+def test_a_prediction_takes_steps_in_which_modes_decay_that_are_fast_only_far_off(rig: Rig) -> None:
+    """A step h multiplies a mode of damping d by 1 - a + a^2/2 - a^3/6 + a^4/24, a = h d: at most 1 up to a = 2.785."""
+    values = configuration.defaults("cam_beam", "controller") | {"period": 0.02, "substeps": 3}
+    furthest = max(item.scale * item.high for item in set_point_ranges(rig))
+    for damping, steps in ((100.0, 3), (2000.0, math.ceil(0.02 * 2000.0 / 2.785))):
+        system = Thickening(far=(damping - 5.0) / furthest**2)
+        assert configuration.mpc_problem(values, rig, system).substeps == steps
+    with pytest.raises(
+        UserError, match=r"about position = -0\.18\d* .* too fast for 100 steps in an interval of 0\.02 s"
+    ):
+        configuration.mpc_problem(values, rig, Thickening(far=20000.0 / furthest**2))
 
 
 def test_a_prediction_takes_steps_in_which_its_fastest_mode_decays() -> None:

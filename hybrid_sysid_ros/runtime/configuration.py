@@ -211,7 +211,7 @@ def _substeps(values: Mapping[str, Any], rig: Rig, system: System) -> int:
     """Steps in an interval: a whole number of the model's own steps where it has them, else the fewest from `substeps`
     on in which nothing grows that does not grow in twice FINEST: an explicit step is stable only where it is short
     beside the fastest mode (Hairer and Wanner 1996, Solving ODEs II, section IV.2). That is asked about zero, and about
-    each end of the rig's range of a state or an input.
+    each end of the range of a set-point, of another state of the rig, or of an input.
 
     Raises UserError where that takes more than FINEST steps.
     """
@@ -227,7 +227,7 @@ def _substeps(values: Mapping[str, Any], rig: Rig, system: System) -> int:
         return steps * math.log(max(np.abs(np.linalg.eigvals(jacobian[:, :n])).max(), 1e-300)) if finite else math.nan
 
     for where, point in _range_ends(rig, system):
-        bound = math.log(1.1) + growth(point, 2 * FINEST)
+        bound = math.log(1.1) + max(growth(point, 2 * FINEST), 0.0)
         held = next((steps for steps in range(count, FINEST + 1) if not growth(point, steps) > bound), None)
         if held is None and count <= FINEST:
             raise UserError(
@@ -239,11 +239,13 @@ def _substeps(values: Mapping[str, Any], rig: Rig, system: System) -> int:
 
 
 def _range_ends(rig: Rig, system: System) -> list[tuple[str, Array]]:
-    """Zero, and each finite end of the rig's range of a state or an input where all else is zero: its name, and states
-    and inputs (n + m,) of the system.
+    """Zero, and each finite end of a range where all else is zero: its name, and states and inputs (n + m,) of the
+    system. A state's range is that of its set-points, or else the rig's travel and validity.
     """
-    bounds, low, high = state_bounds(rig), *rig.limits
-    ends = [bounds.get(item.name, FREE) for item in system.states] + list(zip(low, high, strict=True))
+    asked = zip(rig.system.outputs, set_point_ranges(rig), strict=True)
+    bounds = {item.name: (of.scale * of.low, of.scale * of.high) for item, of in asked if of.moves}
+    bounds = {**state_bounds(rig), **bounds}
+    ends = [bounds.get(item.name, FREE) for item in system.states] + list(zip(*rig.limits, strict=True))
     points = [("zero", np.zeros(len(ends)))]
     for k, (item, values) in enumerate(zip((*system.states, *system.inputs), ends, strict=True)):
         for value in values:
