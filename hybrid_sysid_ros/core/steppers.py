@@ -73,7 +73,7 @@ class ImplicitFriction(Stepper):
             at = {name: context.field(getattr(contact, name), declared, u) for name in contact.fields}
             first = len(declared) + len(hidden)
             own = x[first : first + len(contact.hidden)]
-            following[index], after = contact.solve(x[index], following[index], own, h, smoothing, **at)
+            following[index], after = contact.solve(x[index], following[index], own, h, smoothing, at)
             hidden += after
         for position, velocity in context.kinematics.items():
             following[position] = x[position] + h * following[velocity]

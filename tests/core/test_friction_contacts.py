@@ -61,7 +61,7 @@ def dragged(ways):
         speed = (after - before) / h
         # What must push a block of 1 kg to that speed: the elements' forces are known once their springs are.
         led = np.clip(np.array(STIFFNESS) * (z + h * speed), -LEVEL / 4, LEVEL / 4)
-        v, moved = contact.solve(0.0, speed + h * led.sum(), list(z), h, None, **at)
+        v, moved = contact.solve(0.0, speed + h * led.sum(), list(z), h, None, at)
         assert float(casadi.DM(v)) == pytest.approx(speed, abs=1e-9)
         z = np.array([float(casadi.DM(item)) for item in moved])
         found.append(float(np.array(STIFFNESS) @ z))
@@ -141,7 +141,7 @@ def test_sliding_friction_of_an_aged_contact_weakens_with_speed():
     renewed, friction = 0.0, 0.0
     for _ in range(5000):
         friction = 2.0 + 1.0 - renewed
-        v, (after,) = led.solve(0.04, 0.04 + h * friction, [renewed], h, None, **at)
+        v, (after,) = led.solve(0.04, 0.04 + h * friction, [renewed], h, None, at)
         assert float(v) == pytest.approx(0.04)
         renewed = float(after)
     assert friction == pytest.approx(2.5, rel=1e-3)

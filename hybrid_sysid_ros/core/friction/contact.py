@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hybrid_sysid_ros.core.mathematics import Scalar, absolute, exp, maximum, select, sqrt
 
 Field = str | float | Callable[[Any, Any, Any], Any]
+Fields = Mapping[str, Any]
+"""Values of a contact's fields."""
 
 TINY = 1e-12
 """Added where a step without friction would divide zero by zero."""
@@ -35,13 +37,7 @@ class Contact:
         return ()
 
     def solve(
-        self,
-        v: Scalar,
-        pushed: Scalar,
-        hidden: Sequence[Scalar],
-        h: Scalar,
-        smoothing: Scalar | None,
-        **at: Any,
+        self, v: Scalar, pushed: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
     ) -> Solved:
         """Velocity and hidden states after a step of h [s]; ``pushed`` is v + h f_v, ``at`` holds the fields' values.
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from hybrid_sysid_ros.core.friction.contact import TINY, Contact, Field, Solved, rounded_sign, stefanski
+from hybrid_sysid_ros.core.friction.contact import TINY, Contact, Field, Fields, Solved, rounded_sign, stefanski
 from hybrid_sysid_ros.core.mathematics import Scalar, absolute, maximum, saturate, select
-
-Fields = Mapping[str, Any]
-"""Values of a contact's fields."""
 
 Way = Callable[[Scalar], Scalar]
 """A direction -> 1 + direction against a push upwards, 1 - direction against one downwards."""
@@ -44,13 +41,7 @@ class _Stick(Contact, ABC):
         return ()
 
     def solve(
-        self,
-        v: Scalar,
-        pushed: Scalar,
-        hidden: Sequence[Scalar],
-        h: Scalar,
-        smoothing: Scalar | None,
-        **at: Any,
+        self, v: Scalar, pushed: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
     ) -> Solved:
         """Solve z = pushed - h D v / 2;  v+ = (z - sat(z c / (vc (1 + h D / 2) + c), c)) / (1 + h D / 2),   c = h F.
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from hybrid_sysid_ros.core.friction.contact import TINY, Contact, Field, Solved, rounded_sign
+from hybrid_sysid_ros.core.friction.contact import TINY, Contact, Field, Fields, Solved, rounded_sign
 from hybrid_sysid_ros.core.mathematics import Scalar, maximum, minimum, saturate, select, sqrt
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -31,13 +31,7 @@ class Bristles(Contact):
         return (self.deflection,)
 
     def solve(
-        self,
-        v: Scalar,
-        pushed: Scalar,
-        hidden: Sequence[Scalar],
-        h: Scalar,
-        smoothing: Scalar | None,
-        **at: Any,
+        self, v: Scalar, pushed: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
     ) -> Solved:
         """Backward Euler of bristles and velocity together; a quadratic equation solves it exactly at any stiffness.
 
@@ -120,13 +114,7 @@ class MaxwellSlip(Contact):
         return tuple(f"{name}_{i + 1}{bracket}{unit}" for i in range(len(self.stiffness)))
 
     def solve(
-        self,
-        v: Scalar,
-        pushed: Scalar,
-        hidden: Sequence[Scalar],
-        h: Scalar,
-        smoothing: Scalar | None,
-        **at: Any,
+        self, v: Scalar, pushed: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
     ) -> Solved:
         """Backward Euler of all elements and the velocity together, exactly.
 
