@@ -87,8 +87,7 @@ class ControllerNode(RigNode):
         self.clipped = self.ended = self.repeated = 0
         self.execution, self.age = Timing(), Timing()
         self.output = CommandOutput(self.open("effort_command"), self.open("predicted_trajectory"))
-        self.operation.mode = ControllerMode.DRIVE
-        self.loop_state, self.times = self.operation.state(LoopState.DRIVING), Counter[LoopState]()
+        self.operation.begin()
         self.forget()
         self.entry, self.wishes = self.validator("state_estimate"), self.validator("reference")
         source = self.adapter.estimates
@@ -238,7 +237,7 @@ class ControllerNode(RigNode):
         elif self.is_long():
             self.rest(ZEROED)
             return None
-        self.become(state)
+        self.operation.become(state)
         self.layers[layer] += 1
         command = guard.slowed(plan.input, adapter.at_rest()) if guard.slows else plan.input
         taken = perf_counter() - began
@@ -247,12 +246,6 @@ class ControllerNode(RigNode):
         adapter.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
         self.answered = stamp
         return plan
-
-    def become(self, state: LoopState) -> None:
-        """Count a change of state."""
-        if state is not self.loop_state:
-            self.loop_state = state
-            self.times[state] += 1
 
     def settle(self, joints: JointStates) -> bool:
         """Remember where the outputs were found, where a reference begins after rest; whether they were numbers."""
@@ -305,7 +298,7 @@ class ControllerNode(RigNode):
         """Inputs at rest; from there the loop comes back gently."""
         self.layers[layer] += 1
         self.settled, self.returning = False, True
-        self.become(self.operation.state(LoopState.RESTING))
+        self.operation.become(self.operation.state(LoopState.RESTING))
         self.send(self.adapter.at_rest() if layer == RESTED else self.adapter.rest)
 
     def stop(self) -> None:
@@ -313,7 +306,7 @@ class ControllerNode(RigNode):
         now, seconds = self.time(), self.settings["stop_seconds"] * SECOND
         share = min((now - self.acted) / seconds, 1.0) if seconds and not self.operation.emergency else 1.0
         self.layers[STOPPED] += 1
-        self.become(self.operation.state(LoopState.RESTING))
+        self.operation.become(self.operation.state(LoopState.RESTING))
         self.settled, self.returning = False, True
         self.send(self.adapter.nearer_rest(self.adapter.guard.turned(self.input), share))
 

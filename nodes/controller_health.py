@@ -36,7 +36,7 @@ def unready(node: ControllerNode) -> list[str]:
 
 def loop_tasks(node: ControllerNode) -> list[Task]:
     """The tasks of a controller: its loop, and the policy behind it."""
-    layers, statuses, times = dict(node.layers), dict(node.statuses), dict(node.times)
+    layers, statuses, times = dict(node.layers), dict(node.statuses), dict(node.operation.times)
     answers = sum(count for name, count in layers.items() if name != NO_REFERENCE)
     loop = {
         "answers without a reference": layers.get(NO_REFERENCE, 0),
@@ -47,7 +47,7 @@ def loop_tasks(node: ControllerNode) -> list[Task]:
         **{f"estimates {reason}": count for reason, count in node.dropped("state_estimate").items()},
         **{f"references {reason}": count for reason, count in node.dropped("reference").items()},
     }
-    guard, state, operation = node.adapter.guard, node.loop_state, node.operation
+    guard, state, operation = node.adapter.guard, node.operation.reached, node.operation
     by_guard = guard.level and LoopState.DRIVING < state < LoopState.STOPPED
     reason = guard.reason if by_guard or state is LoopState.SLOWED else operation.words
     if state is LoopState.RESTING and not by_guard:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from enum import Enum
 
@@ -20,17 +21,30 @@ class ControllerMode(Enum):
 class Operation:
     """ControllerMode, arming and the emergency stop, which stays until it is reset, and needs arming after that.
 
-    reason: why the loop may not move, "" where it may. tell: receives "at rest: WHY" and "may move: HOW", for the
-    operator, and for whoever starts the controller again: one that died at rest stays there, and one that died holding,
-    which has no place to hold any more, comes to rest.
+    reason: why the loop may not move, "" where it may. reached, times: the state in which the loop is, and how often it
+    came to each. tell: receives "at rest: WHY" and "may move: HOW", for the operator, and for whoever starts the
+    controller again: one that died at rest stays there, and one that died holding, which has no place to hold any more,
+    comes to rest.
     """
 
     def __init__(self, *, armed: bool, tell: Callable[[str], object] = str) -> None:
-        self.mode, self.armed, self.emergency = ControllerMode.DRIVE, armed, False
+        self.armed, self.emergency = armed, False
         self.reason = "" if armed else "not armed yet"
         self._tell = tell
+        self.begin()
         if not armed:
             self._say("at rest")
+
+    def begin(self) -> None:
+        """Drive, where the loop is armed, and count anew."""
+        self.mode, self.times = ControllerMode.DRIVE, Counter[LoopState]()
+        self.reached = self.state(LoopState.DRIVING)
+
+    def become(self, state: LoopState) -> None:
+        """Count a change of state."""
+        if state is not self.reached:
+            self.reached = state
+            self.times[state] += 1
 
     def turn_to(self, mode: ControllerMode) -> None:
         """Take another mode. Raises UserError where the loop is not armed and would have to move."""

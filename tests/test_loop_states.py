@@ -40,7 +40,7 @@ def test_a_doubted_estimate_slows_the_loop_then_rests_it(wheel: Wheel) -> None:
     assert back[-1] == pytest.approx(4.0)
     moving = back[back.index(next(value for value in back if value > 0.0)) :]
     assert moving == sorted(moving), "the reference is led on from where the rig is"
-    assert wheel.controller.loop_state is LoopState.DRIVING
+    assert wheel.controller.operation.reached is LoopState.DRIVING
 
 
 def test_told_to_tell_the_controller_drives_on(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
@@ -52,7 +52,7 @@ def test_told_to_tell_the_controller_drives_on(bench: Bench, model_folder: Path,
 
 def test_an_estimate_that_lacks_a_sensor_is_driven_slowly(wheel: Wheel) -> None:
     assert wheel.command(0.0, sensors_left_out=1.0) == pytest.approx(2.5)
-    assert wheel.controller.loop_state is LoopState.SLOWED
+    assert wheel.controller.operation.reached is LoopState.SLOWED
 
 
 def test_an_input_that_acts_reversed_is_sent_with_the_other_sign(wheel: Wheel) -> None:
@@ -113,7 +113,7 @@ def test_a_rest_for_want_of_numbers_is_one_change_of_state(wheel: Wheel) -> None
     values = wheel.controller.health()[0].values
     assert (values["state"], values["times_resting"], values["times_driving"]) == ("resting", 1, 0)
     wheel.command(0.0)
-    assert wheel.controller.loop_state is LoopState.DRIVING
+    assert wheel.controller.operation.reached is LoopState.DRIVING
 
 
 def test_time_that_begins_anew_does_not_end_an_emergency_stop(wheel: Wheel) -> None:
