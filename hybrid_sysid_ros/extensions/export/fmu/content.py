@@ -52,7 +52,9 @@ class FmuContent:
 
     def wrapper(self, headers: Mapping[str, str], token: str) -> str:
         """The text of the FMU's own C file."""
-        functions = Text((FMU_TEMPLATES / self.template).read_text(encoding="utf-8"))
+        main, variables, functions = (
+            (FMU_TEMPLATES / name).read_text(encoding="utf-8") for name in ("fmu.c", "variables.c", self.template)
+        )
         values = {
             "title": self.title,
             "unit": self.unit,
@@ -63,9 +65,8 @@ class FmuContent:
             "members": self.members,
             "table": ",\n".join(item.row(reference) for reference, item in enumerate(self.variables)),
         }
-        main = (FMU_TEMPLATES / "fmu.c").read_text(encoding="utf-8")
-        own = functions.substitute(values)
-        return Text(main).substitute({**values, "functions": own, "stubs": stubs(headers, main)})
+        own = {"functions": Text(functions).substitute(values), "variables": variables}
+        return Text(main).substitute({**values, **own, "stubs": stubs(headers, main + variables)})
 
 
 def stubs(headers: Mapping[str, str], own: str) -> str:
