@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import ast
-import re
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import replace
 from types import FunctionType
 from typing import Any
@@ -13,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.extensions.export.unit.expressions import Expressions
+from hybrid_sysid_ros.extensions.export.unit.names import assigned, safe, used_where_made, variables_of
 from hybrid_sysid_ros.extensions.export.unit.translation import (
-    KEYWORDS,
     TranslatedFunction,
     Translation,
     known_names,
@@ -51,8 +49,8 @@ class Assignments(Expressions):
         self.tree = tree_of(function)
         self.names = known_names(function)
         self.values: dict[str, Value] = {}
-        self.counts = Counter(_assigned(self.tree))
-        self._inside = _used_where_made(self.tree)
+        self.counts = Counter(assigned(self.tree))
+        self._inside = used_where_made(self.tree)
         self.depth, self._temporaries = 1, 0
         self.ended = False
         self.read: set[str] = set()
@@ -85,7 +83,7 @@ class Assignments(Expressions):
             case _:
                 raise cannot(f"unpacking {value}", self.where)
         own = {safe(item.id) for item in targets if isinstance(item, ast.Name)}
-        if any(own & _variables(getattr(item, "text", "")) for item in values[1:]):
+        if any(own & variables_of(getattr(item, "text", "")) for item in values[1:]):
             values = [self.temporary("kept", item) for item in values]
         for target, item in zip(targets, values, strict=True):
             self.assign(target, item)
@@ -247,7 +245,7 @@ class Assignments(Expressions):
     def _moves(self, text: str) -> bool:
         """Whether a text may mean something else later: it has a variable, or a call."""
         fixed = {own.text for own in self.values.values() if isinstance(own, ArrayView) and self._is_fixed(own)}
-        return "$" in text or bool(_variables(text) - fixed)
+        return "$" in text or bool(variables_of(text) - fixed)
 
     def _is_fixed(self, view: ArrayView) -> bool:
         name = next((key for key, value in self.values.items() if value is view), "")
@@ -305,50 +303,3 @@ class Assignments(Expressions):
         self.made.variables[own] = ArrayView(REAL, (count,), own, Origin(own))
         self.line(f"{made.name}(${made.name}${', ' if texts else ''}{', '.join([*texts, own])});")
         return LaneValues(count, f"{own}[lane]")
-
-
-def _assigned(tree: ast.AST) -> Iterator[str]:
-    """Names that a function sets, as often as it does; those of loops only if they are set otherwise, too."""
-    for node in ast.walk(tree):
-        targets = (
-            node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AugAssign) else []
-        )
-        for target in targets:
-            for item in ast.walk(target):
-                if isinstance(item, ast.Name) and isinstance(item.ctx, ast.Store):
-                    yield item.id
-
-
-def _used_where_made(tree: ast.FunctionDef) -> set[str]:
-    """Names that are only read within the block in which they are set."""
-    made: dict[str, tuple[int, ...]] = {}
-    used: list[tuple[str, tuple[int, ...]]] = []
-
-    def visit(node: ast.AST, path: tuple[int, ...]) -> None:
-        for _, part in ast.iter_fields(node):
-            if isinstance(part, list) and part and isinstance(part[0], ast.stmt):
-                for item in part:
-                    visit(item, (*path, id(part)))
-            else:
-                for item in part if isinstance(part, list) else [part]:
-                    if isinstance(item, ast.Name):
-                        if isinstance(item.ctx, ast.Store):
-                            made[item.id] = path
-                        else:
-                            used.append((item.id, path))
-                    elif isinstance(item, ast.AST):
-                        visit(item, path)
-
-    visit(tree, ())
-    outside = {name for name, path in used if name in made and path[: len(made[name])] != made[name]}
-    return made.keys() - outside
-
-
-def _variables(text: str) -> set[str]:
-    """The words of a text in C that are neither arrays nor members."""
-    return set(re.findall(r"(?<![@$.>\w])[A-Za-z_]\w*(?![\w@$])", text))
-
-
-def safe(name: str) -> str:
-    """The name of a variable in C."""
-    return f"{name}_" if f" {name} " in KEYWORDS else name

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.export.unit.assignments import Assignments, safe
+from hybrid_sysid_ros.extensions.export.unit.assignments import Assignments
+from hybrid_sysid_ros.extensions.export.unit.names import safe
 from hybrid_sysid_ros.extensions.export.unit.translation import is_known, parameter
 from hybrid_sysid_ros.extensions.export.unit.values import (
     INT,

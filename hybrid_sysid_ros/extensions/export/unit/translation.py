@@ -32,14 +32,6 @@ from hybrid_sysid_ros.extensions.export.unit.values import (
     number_kind,
 )
 
-KEYWORDS = (
-    " auto break case char const continue default do double else enum extern float for goto if inline int long "
-    "register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while "
-    "y0 y1 j0 j1 index exp log sin cos tan tanh sqrt pow ceil floor gamma time delete new this class template "
-    "operator and or not private public protected bool true false try catch throw unit "
-)
-"""Names that a variable in C, or in C++, must not have."""
-
 RESERVED = (
     "init", "reset", "step", "observe", "expected", "judge", "decide", "decide_from", "sent", "at_rest", "lead",
     "come_back", "forget_estimate", "forget_plan", "prepare", "min", "max", "update", "search", "allocate", "release",
