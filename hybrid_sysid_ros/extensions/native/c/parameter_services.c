@@ -112,6 +112,19 @@ static void set(node *own, const rcl_interfaces__msg__Parameter *asked,
         rcl_interfaces__srv__##kind##_Response__fini(&response);                                                       \
     } while (0)
 
+/* Serve requests with the names of parameters: `fill` makes the answer to each name that is known. */
+#define ANSWER_EACH(index, kind, type, answers, fill)                                                                  \
+    SERVE(index, kind, {                                                                                               \
+        rcl_interfaces__msg__##type##__Sequence__init(&response.answers, request.names.size);                          \
+        for (k = 0; k < response.answers.size; k++) {                                                                  \
+            const parameter *found = parameter_find(own, request.names.data[k].data);                                  \
+                                                                                                                       \
+            if (found != NULL) {                                                                                       \
+                fill(found, &response.answers.data[k]);                                                                \
+            }                                                                                                          \
+        }                                                                                                              \
+    })
+
 static void describe(const parameter *own, rcl_interfaces__msg__ParameterDescriptor *found)
 {
     rosidl_runtime_c__String__assign(&found->name, own->name);
@@ -165,26 +178,8 @@ void parameters_serve(node *own)
 {
     size_t k;
 
-    SERVE(0, DescribeParameters, {
-        rcl_interfaces__msg__ParameterDescriptor__Sequence__init(&response.descriptors, request.names.size);
-        for (k = 0; k < response.descriptors.size; k++) {
-            const parameter *found = parameter_find(own, request.names.data[k].data);
-
-            if (found != NULL) {
-                describe(found, &response.descriptors.data[k]);
-            }
-        }
-    });
-    SERVE(1, GetParameters, {
-        rcl_interfaces__msg__ParameterValue__Sequence__init(&response.values, request.names.size);
-        for (k = 0; k < response.values.size; k++) {
-            const parameter *found = parameter_find(own, request.names.data[k].data);
-
-            if (found != NULL) {
-                to_ros(found, &response.values.data[k]);
-            }
-        }
-    });
+    ANSWER_EACH(0, DescribeParameters, ParameterDescriptor, descriptors, describe);
+    ANSWER_EACH(1, GetParameters, ParameterValue, values, to_ros);
     SERVE(2, GetParameterTypes, {
         rosidl_runtime_c__uint8__Sequence__init(&response.types, request.names.size);
         for (k = 0; k < response.types.size; k++) {
