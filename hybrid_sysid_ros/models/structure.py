@@ -140,7 +140,7 @@ class Structure(ABC):
     summary: ClassVar[str] = ""
     """A description in one line."""
     seeded: ClassVar[bool] = False
-    """Whether a fit depends on a seed."""
+    """Whether a model begins at random weights, so that studies fit it over several seeds."""
     is_gray_box: ClassVar[bool] = False
     """Whether it is physics alone, on which other structures may build."""
     combines: ClassVar[bool] = False
