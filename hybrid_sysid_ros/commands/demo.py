@@ -30,7 +30,7 @@ from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support import extensions
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, counted
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, write_text
 from hybrid_sysid_ros.support.progress import progress_bars
 
@@ -95,7 +95,7 @@ def demo(
     for folder, marker in folders.items():
         check_folder(out / folder, marker=marker, replace=overwrite)
     records = records or plan.records(described, out / "bags")
-    terminal.status.print(f"1 identifying {described.name} from {len(records.training)} bags")
+    terminal.status.print(f"1 identifying {described.name} from {counted(len(records.training), 'bag')}")
     given: dict[str, Any] = {"sampling": plan.sampling, "part": records.part, "options": plan.options, "seed": seed}
     model = identify(records.training, described, plan.structure, **given)
     model.save(out / "model")

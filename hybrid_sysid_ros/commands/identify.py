@@ -30,6 +30,7 @@ from hybrid_sysid_ros.models.structure import parse
 from hybrid_sysid_ros.report.sections import stages_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.errors import counted
 from hybrid_sysid_ros.support.files import check_file, check_folder
 
 EXTENDED_BY = "comparisons"
@@ -104,7 +105,7 @@ def command(
         provenance = reports.provenance(load_model(out, rig=rig), typed())
         reports.write_report(report, section, None, provenance, inspections=further)
         tell.print(f"report: {report}")
-    tell.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
+    tell.print(f"{out}: {structure} from {counted(len(records), 'record')} in {model.fit['seconds']:.1f} s")
 
 
 def _identified(records: Sequence[Record], rig: Rig, structure: str, **settings: Any) -> Model:

@@ -56,6 +56,11 @@ def collected(problems: list[str], where: str = "") -> Iterator[None]:
         problems += (f"{where}{line}" for line in lines_of(error))
 
 
+def counted(count: int, noun: str) -> str:
+    """A number with its noun: 1 record, 2 records."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def known(name: str, names: Iterable[str]) -> str:
     """End of a line that refuses a name: the known names, or of many the nearest ones."""
     found = list(names)

@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
 from hybrid_sysid_ros.models.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, counted
 from hybrid_sysid_ros.support.files import sha256
 
 START = SECOND
@@ -78,7 +78,9 @@ class _Conversion:
             name = self.path.stem if len(pieces) == 1 else f"{self.path.stem}_{number}"
             found.append(self.record(name, piece, measured[piece], inputs, outputs, channels))
         if len(pieces) > 1:
-            self.notes.append(f"{self.path}: is cut at {len(pieces) - 1} long gaps into {len(pieces)} records")
+            self.notes.append(
+                f"{self.path}: is cut at {counted(len(pieces) - 1, 'long gap')} into {len(pieces)} records"
+            )
         notes = [line for stamps in self.stamps.values() for line in stamps.notes]
         return found, list(dict.fromkeys([*notes, *self.notes]))
 

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.extensions.importing.conversion import row_times
 from hybrid_sysid_ros.extensions.importing.first_equation import delays_of, equation_of, late
 from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
 from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS
-from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, unit_at_end, words_of
+from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, without_unit, words_of
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
 from hybrid_sysid_ros.extensions.importing.time_columns import times_of_column
 from hybrid_sysid_ros.extensions.shared.units import named
@@ -144,7 +144,7 @@ def _names(columns: Sequence[str]) -> dict[str, str]:
     """A name for each column that Python and messages take: plain letters, and no unit, since the rig has SI."""
     found = dict[str, str]()
     for column in columns:
-        plain = unicodedata.normalize("NFKD", column.removesuffix(f"_{unit_at_end(column)}"))
+        plain = unicodedata.normalize("NFKD", without_unit(column))
         plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
         plain = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain), flags=re.ASCII).strip("_").lower()
         plain = f"signal_{plain}" if not plain or plain[0].isdigit() or keyword.iskeyword(plain) else plain

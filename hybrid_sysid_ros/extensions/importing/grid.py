@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.bags.gaps import GAP, LONGEST_GAP
 from hybrid_sysid_ros.bags.sampling import FEWEST, JITTER
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, counted
 
 MOST_WRONG = 0.05
 """Share of stamps that may be doubled or out of order; with more the column is no time."""
@@ -178,7 +178,7 @@ def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
     if len(gaps) and not measured.all():
         k = int(np.argmax(steps > GAP * period))
         notes.append(
-            f"{what}: {len(gaps)} gaps, up to {gaps.max():.4g} s, the first after row {stamps.rows[k]} "
+            f"{what}: {counted(len(gaps), 'gap')}, up to {gaps.max():.4g} s, the first after row {stamps.rows[k]} "
             f"({times[k]:.6g} s)"
         )
     return SampleGrid(period=period, times=grid, measured=measured, even=even)

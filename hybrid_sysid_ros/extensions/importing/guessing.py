@@ -17,12 +17,14 @@ from hybrid_sysid_ros.support.errors import UserError, UserErrors
 INPUTS = (
     "u", "in", "input", "cmd", "command", "ctrl", "control", "drive", "force", "torque", "voltage", "volt", "pwm",
     "duty", "current", "effort", "actuator", "actuation", "excitation", "motor", "pump", "valve", "throttle", "heater",
-    "x",
+    "pedal", "brake", "accelerator", "steering", "elevator", "aileron", "rudder", "thrust", "fan", "stellgröße",
+    "stellgroesse", "stellwert", "spannung", "strom", "drehmoment", "kraft", "ventil", "pumpe", "x",
 )  # fmt: skip
 OUTPUTS = (
     "y", "out", "output", "pos", "position", "angle", "theta", "phi", "q", "speed", "velocity", "vel", "omega", "rate",
     "level", "meas", "measured", "measurement", "sensor", "encoder", "response", "height", "temperature", "temp",
-    "pressure",
+    "pressure", "distance", "displacement", "altitude", "roll", "pitch", "yaw", "acceleration", "regelgröße",
+    "regelgroesse", "messwert", "winkel", "drehzahl", "druck", "temperatur", "geschwindigkeit", "weg",
 )  # fmt: skip
 ALIKE = (
     {"pos", "position", "x", "q", "displacement"}, {"angle", "theta", "phi", "pos", "position", "q"},
@@ -67,6 +69,7 @@ def guessed(
     for name in (*given, *units):
         if name not in signals:
             raise UserError(f"{name!r} is no signal of {rig.name}; it has {', '.join(signals)}")
+    given = {name: file.column_of(column) for name, column in given.items()}
     for name, column in given.items():
         if column not in file.columns:
             raise UserError(

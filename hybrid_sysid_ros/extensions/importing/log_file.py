@@ -22,8 +22,24 @@ MOST_COLUMNS = 20_000
 """Most columns of a file."""
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[^\W\d_][^\W\dA-Z_]*|\d+")
 _SI = {prefix + symbol for prefix in ("", *PREFIXES) for symbol in SYMBOLS if len(prefix + symbol) > 1}
-UNITS = frozenset(_SI - {"nm"} | {"deg", "rpm", "RPM", "Nm", "Nmm", "sec"})
-"""Units that may end a name. A single letter may be anything, and nm the torque's."""
+UNITS = frozenset(
+    _SI - {"nm"} | {"deg", "rpm", "RPM", "Nm", "Nmm", "sec", "bar", "mbar", "kmh", "kph", "mph", "%", "°"}
+)
+"""Units that may end a name; nm may be the torque's."""
+LETTERS: Mapping[str, frozenset[str]] = {
+    "V": frozenset(("voltage", "volt", "u", "spannung")),
+    "A": frozenset(("current", "i", "strom")),
+    "N": frozenset(("force", "f", "load", "thrust", "kraft")),
+    "m": frozenset(("position", "pos", "x", "level", "height", "h", "distance", "displacement", "stroke", "weg")),
+    "s": frozenset(("time", "t", "zeit", "timestamp", "elapsed")),
+    "h": frozenset(("time", "t", "zeit", "elapsed")),
+    "K": frozenset(("temperature", "temp", "temperatur")),
+    "W": frozenset(("power", "leistung")),
+}
+"""Units of one letter, which may be anything: behind these words only they end a name."""
+_END = re.compile(r"(?P<front>.*?[^\s_/])(?:_|\s*/\s*|\s+)(?P<unit>[^\s_/]+(?:/(?:s|s\^2|s²|min|h))?)$")
+UNITED = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\])]*)[\])]$")
+"""A name with its unit in brackets."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +68,16 @@ class LogFile(ABC):
             raise UserError(f"{path}: holds no column of numbers: is it a record?")
         if len(self.columns) > MOST_COLUMNS:
             raise UserError(f"{path}: has {len(self.columns)} columns, more than {MOST_COLUMNS}; cut the file")
+
+    def column_of(self, text: str) -> str:
+        """The column that a user means, who may write its unit behind it in brackets; the text itself for none."""
+        if text in self.columns or not (match := UNITED.match(text)):
+            return text
+        name, unit = match["name"], match["unit"].strip()
+        alike = [
+            item.name for item in self.columns.values() if re.sub(r"_\d+$", "", item.name) == name and item.unit == unit
+        ]
+        return name if name in alike else alike[0] if len(alike) == 1 else text
 
     def read(self, names: Sequence[str]) -> dict[str, Array]:
         """Columns by name, (samples,) each; NaN where a value is missing.
@@ -104,15 +130,30 @@ class JoinedFile(LogFile):
 
 
 def unit_at_end(name: str) -> str:
-    """The unit that ends a name, mm of travel_mm, or ""."""
-    front, _, last = name.rpartition("_")
-    return last if front and last in UNITS else ""
+    """The unit that ends a name, mm of travel_mm and V of "U/V", or ""."""
+    return _parted(name)[1]
+
+
+def without_unit(name: str) -> str:
+    """A name without the unit that ends it."""
+    return _parted(name)[0]
+
+
+def _parted(name: str) -> tuple[str, str]:
+    """A name and the unit that ends it."""
+    match = _END.match(name)
+    if match is None or name.startswith("/"):
+        return name, ""
+    front, unit = match["front"], match["unit"]
+    words = {word.lower() for word in _WORD.findall(front)}
+    known = unit.partition("/")[0] in UNITS or bool(words & LETTERS.get(unit, frozenset()))
+    return (front, unit) if known or unit in ("m/s", "m/s^2", "m/s²") else (name, "")
 
 
 def words_of(name: str) -> list[str]:
     """The words of a name in small letters, without units at its end."""
-    plain = re.sub(r"[\[(].*", "", name.rsplit("/", 1)[-1].rsplit(".", 1)[-1])
-    return [word.lower() for word in _WORD.findall(plain.removesuffix(f"_{unit_at_end(plain)}"))]
+    plain = without_unit(re.sub(r"[\[(].*", "", name))
+    return [word.lower() for word in _WORD.findall(plain.rsplit("/", 1)[-1].rsplit(".", 1)[-1])]
 
 
 def check_size(path: Path, count: int) -> None:

@@ -11,6 +11,7 @@ from scipy.ndimage import median_filter
 
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import counted
 
 MAINS = (50.0, 60.0)
 """Frequencies of the mains [Hz]."""
@@ -118,8 +119,8 @@ def _clipped(signal: CheckedSignal) -> Iterator[RecordFinding]:
         signal.spoilt |= np.abs(y - extreme) <= 1e-6 * signal.span
         yield RecordFinding(
             kind="clipped", cost=min(0.79, 0.5 + 2.0 * length.sum() / len(y)),
-            words=f"{signal.name} has {len(first)} flat tops at its {end} value {signal.shown(extreme)}, the first "
-            f"at {signal.at(int(first[0]))}, {length.sum() / len(y):.1%} of the samples",
+            words=f"{signal.name} has {counted(len(first), 'flat top')} at its {end} value {signal.shown(extreme)}, "
+            f"the first at {signal.at(int(first[0]))}, {length.sum() / len(y):.1%} of the samples",
             cure="enlarge the range of the converter or drive less; leave those parts out (--part)",
         )  # fmt: skip
 
@@ -156,7 +157,7 @@ def _spikes(signal: CheckedSignal) -> Iterator[RecordFinding]:
         worst = int(np.argmax(away))
         yield RecordFinding(
             kind="spikes", cost=min(0.75, 0.4 + 20.0 * far.mean() + 0.1 * away[worst] / signal.span),
-            words=f"{signal.name} has {len(first)} spikes, the farthest to {signal.shown(y[worst])} at "
+            words=f"{signal.name} has {counted(len(first), 'spike')}, the farthest to {signal.shown(y[worst])} at "
             f"{signal.at(worst)}",
             cure="repair the wiring or the driver; leave those parts out (--part)",
         )  # fmt: skip

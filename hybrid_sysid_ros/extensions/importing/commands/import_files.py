@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.importing.readers import open_joined
 from hybrid_sysid_ros.rigs import folder
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, counted
 from hybrid_sysid_ros.support.files import check_file, check_folder
 
 
@@ -135,4 +135,5 @@ def _table(mapping: ImportMapping, rig: Rig, records: list[Record]) -> Table:
 
 def _lengths(records: list[Record]) -> str:
     seconds, samples = sum(record.duration for record in records), sum(record.samples for record in records)
-    return f"{len(records)} records, {samples} samples, {seconds:.6g} s, one in {records[0].sampling_time:.6g} s"
+    count = counted(len(records), "record")
+    return f"{count}, {samples} samples, {seconds:.6g} s, one in {records[0].sampling_time:.6g} s"

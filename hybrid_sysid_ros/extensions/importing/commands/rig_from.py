@@ -41,16 +41,17 @@ def command(
     """
     check_name(folder)
     log, given, units = open_joined(file, also or ()), pairs(column, "--column"), pairs(unit, "--unit")
-    _check_columns(
-        log, [*(inputs or ()), *(outputs or ()), *given.values(), *(name for name in units if name != "time")]
-    )
+    inputs, outputs = ([log.column_of(text) for text in chosen or ()] for chosen in (inputs, outputs))
+    given = {name: log.column_of(text) for name, text in given.items()}
+    units = {log.column_of(name): unit for name, unit in units.items()}
+    _check_columns(log, [*inputs, *outputs, *given.values(), *(name for name in units if name != "time")])
     if strange := [name for name in given if name != "time"]:
         raise UserError(f"--column {strange[0]}: only time=COLUMN; name the others by --input and --output")
     time, free = time_of(log, list(log.columns.values()), given, units, period)
     if isinstance(time, str):
         raise UserError(time)
     free = [item for item in free if item.name != time.column]
-    chosen_in, chosen_out = roles(free, inputs or (), outputs or ())
+    chosen_in, chosen_out = roles(free, inputs, outputs)
     for kind, chosen in (("input", chosen_in), ("output", chosen_out)):
         if not chosen:
             raise UserError(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile
+from hybrid_sysid_ros.extensions.importing.log_file import UNITED, LogColumn, LogFile
 from hybrid_sysid_ros.extensions.importing.readers.moments import IS_MOMENT, seconds_of_moments
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -26,7 +26,6 @@ _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?$")
 _APART = re.compile(r"\d\s+[-+]?\d")
 """Two numbers with blanks between them."""
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}((,\d{3})+\.|(\.\d{3})+,)\d+$")
-_UNITED = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\])]*)[\])]$")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +125,7 @@ def _form(rows: list[list[str]], first: int, delimiter: str, trailing: bool) -> 
     names = above[-1] if above else [f"column_{k + 1}" for k in range(count)]
     taken = dict[str, int]()
     for k, name in enumerate(names):
-        if (match := _UNITED.match(name)) and not units[k]:
+        if (match := UNITED.match(name)) and not units[k]:
             names[k], units[k] = match["name"], match["unit"].strip()
         names[k] = names[k] or f"column_{k + 1}"
         taken[names[k]] = taken.get(names[k], 0) + 1

@@ -11,6 +11,8 @@ import pytest
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.extensions.importing.log_file import unit_at_end, words_of
+from hybrid_sysid_ros.extensions.shared.units import Unit, named
 from hybrid_sysid_ros.rigs import rig as rigs
 from tests.command_line import Answer, refused
 
@@ -18,6 +20,11 @@ TIME = 0.01 * np.arange(400)
 DRIVE = np.round(5.0 * np.sign(np.sin(3.0 * TIME)) + 0.01 * np.arange(400) / 400, 6)
 POSITION = np.round(0.05 * np.sin(3.0 * TIME), 6)
 """rad."""
+
+
+@pytest.fixture
+def program(call):
+    return partial(call, app.main, "hybrid-sysid")
 
 
 @pytest.fixture
@@ -173,7 +180,7 @@ def test_doubled_missing_and_disordered_rows_are_repaired_by_name(imported, tmp_
     output[300] = np.nan
     file = table(tmp_path / "log.csv", "time,drive,position", TIME[rows], DRIVE[rows], output[rows])
     said = status_of(imported(file))
-    for words in ("there twice", "go backwards", "1 gaps, up to 0.04 s", "1 of"):
+    for words in ("there twice", "go backwards", "1 gap, up to 0.04 s", "1 of"):
         assert words in said
     record = read(tmp_path)
     assert record.samples == 400
@@ -304,3 +311,48 @@ def test_a_file_larger_than_the_memory_is_refused_before_it_is_read(imported, tm
     with path.open("r+b") as file:
         file.truncate(10 << 30)  # a hole, which takes no room
     refused(imported(str(path)), "GiB", "cut the file")
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "words"),
+    [
+        ("voltage_V", "V", ["voltage"]),
+        ("U/V", "V", ["u"]),
+        ("motor current A", "A", ["motor", "current"]),
+        ("t / s", "s", ["t"]),
+        ("tank pressure bar", "bar", ["tank", "pressure"]),
+        ("speed_km/h", "km/h", ["speed"]),
+        ("v m/s", "m/s", ["v"]),
+        ("y_m", "", ["y", "m"]),
+        ("sensor A", "", ["sensor", "a"]),
+        ("/imu/m", "", ["m"]),
+        ("level_min", "", ["level", "min"]),
+    ],
+)
+def test_a_unit_ends_a_name_where_the_name_says_what_it_measures(name, unit, words):
+    assert unit_at_end(name) == unit
+    assert words_of(name) == words
+
+
+def test_units_of_industry_are_si():
+    assert named("bar") == Unit("Pa", 0, 1e5)
+    assert named("kmh") == named("km/h") == Unit("m", 1, 1 / 3.6)
+
+
+def test_columns_are_known_as_the_header_writes_them(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table(tmp_path / "log.csv", "t [s],PWM [%],PWM [V],way [mm]", TIME, DRIVE, 0.1 * DRIVE, POSITION)
+    for chosen in ("PWM [%]", "PWM"):
+        made = program("rig", "from", "log.csv", f"./rig_{len(chosen)}", "--input", chosen, "--output", "way [mm]")
+        assert "inputs: PWM; outputs: way" in status_of(made)
+    made = program("rig", "from", "log.csv", "./other", "--input", "PWM [V]", "--output", "way")
+    assert "inputs: PWM_2; outputs: way" in status_of(made)
+    refused(program("rig", "from", "log.csv", "./none", "--input", "PWM [A]", "--output", "way"), "PWM [A]")
+
+
+@pytest.mark.parametrize("name", ["Stellgröße", "pedal", "brake", "throttle", "u", "cmd", "duty"])
+def test_a_rig_finds_its_input_by_name(program, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    table(tmp_path / "log.csv", f"time,{name},quality,speed", TIME, DRIVE, 0.1 * DRIVE, POSITION)
+    out = status_of(program("rig", "from", "log.csv", "./made"))
+    assert f"inputs: {name}; outputs: speed" in out

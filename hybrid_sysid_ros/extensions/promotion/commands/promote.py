@@ -15,7 +15,7 @@ from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.promotion.model_gain import FEWEST, LEVEL, ModelGain, gain_of
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, counted
 from hybrid_sysid_ros.support.files import written_folder
 
 
@@ -45,8 +45,8 @@ def command(
         console.print_json(json.dumps({"gain": found.gain, "needed": found.needed, "independent": found.independent}))
     else:
         console.print(
-            f"{in_use}: now the model of {model}, whose R2 over {len(records)} records is higher by {found.gain:.3g} "
-            f"(more than {found.needed:.2g} is certain at {LEVEL:.0%}); train policies for it anew"
+            f"{in_use}: now the model of {model}, whose R2 over {counted(len(records), 'record')} is higher "
+            f"by {found.gain:.3g} (more than {found.needed:.2g} is certain at {LEVEL:.0%}); train policies for it anew"
         )
 
 

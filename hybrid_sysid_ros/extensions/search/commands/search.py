@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.shared.workers import Workers
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, counted
 from hybrid_sysid_ros.support.files import check_folder
 from hybrid_sysid_ros.support.progress import progress_bars
 
@@ -98,7 +98,7 @@ def command(
         with status.status("fitting"):
             objective.fit(best.options).save(out)
         (status if as_json else console).print(
-            f"{out}: {structure} with the options of trial {best.number}, from {len(bag)} records"
+            f"{out}: {structure} with the options of trial {best.number}, from {counted(len(bag), 'record')}"
         )
 
 

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.identification import notes_of
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.model import NOTES, save_notes
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, counted
 
 
 def command(
@@ -35,4 +35,4 @@ def command(
     if not notes:
         raise UserError(f"{model}: its training records are too short to tell which motions they have")
     save_notes(model, notes)
-    console.print(f"{model / NOTES}: {', '.join(notes)} of {len(found.records)} records")
+    console.print(f"{model / NOTES}: {', '.join(notes)} of {counted(len(found.records), 'record')}")
