@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.shared.units import SYMBOLS
+from hybrid_sysid_ros.extensions.shared.units import LETTERS, SYMBOLS
 from hybrid_sysid_ros.rigs.rig import PREFIXES
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import Interrupted, UserError, known
@@ -26,17 +26,6 @@ UNITS = frozenset(
     _SI - {"nm"} | {"deg", "rpm", "RPM", "Nm", "Nmm", "sec", "bar", "mbar", "kmh", "kph", "mph", "%", "°"}
 )
 """Units that may end a name; nm may be the torque's."""
-LETTERS: Mapping[str, frozenset[str]] = {
-    "V": frozenset(("voltage", "volt", "u", "spannung")),
-    "A": frozenset(("current", "i", "strom")),
-    "N": frozenset(("force", "f", "load", "thrust", "kraft")),
-    "m": frozenset(("position", "pos", "x", "level", "height", "h", "distance", "displacement", "stroke", "weg")),
-    "s": frozenset(("time", "t", "zeit", "timestamp", "elapsed")),
-    "h": frozenset(("time", "t", "zeit", "elapsed")),
-    "K": frozenset(("temperature", "temp", "temperatur")),
-    "W": frozenset(("power", "leistung")),
-}
-"""Units of one letter, which may be anything: behind these words only they end a name."""
 _END = re.compile(r"(?P<front>.*?[^\s_/])(?:_|\s*/\s*|\s+)(?P<unit>[^\s_/]+(?:/(?:s|s\^2|s²|min|h))?)$")
 UNITED = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\])]*)[\])]$")
 """A name with its unit in brackets."""

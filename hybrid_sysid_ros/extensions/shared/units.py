@@ -59,6 +59,17 @@ NAMES: Mapping[str, str] = {
     "pascal": "Pa", "watt": "W", "joule": "J", "second": "s", "hertz": "Hz",
 }  # fmt: skip
 """Names of symbols."""
+LETTERS: Mapping[str, frozenset[str]] = {
+    "V": frozenset(("voltage", "volt", "u", "spannung")),
+    "A": frozenset(("current", "i", "strom")),
+    "N": frozenset(("force", "f", "load", "thrust", "kraft")),
+    "m": frozenset(("position", "pos", "x", "level", "height", "h", "distance", "displacement", "stroke", "weg")),
+    "s": frozenset(("time", "t", "zeit", "timestamp", "elapsed")),
+    "h": frozenset(("time", "t", "zeit", "elapsed")),
+    "K": frozenset(("temperature", "temp", "temperatur")),
+    "W": frozenset(("power", "leistung")),
+}
+"""Units of one letter, which may be anything: behind these words only they end a name."""
 PREFIX_NAMES: Mapping[str, str] = {"milli": "m", "centi": "c", "kilo": "k", "micro": "u", "mega": "M"}
 
 
