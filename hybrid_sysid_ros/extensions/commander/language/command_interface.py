@@ -32,6 +32,8 @@ class RigState:
     outputs: Mapping[str, float]
     references: Mapping[str, float]
     inputs: Mapping[str, float]
+    standstill: str = ""
+    """That nothing moves, why, and what to do; "" where references are followed."""
 
 
 class CommandInterface(Protocol):

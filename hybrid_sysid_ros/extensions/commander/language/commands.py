@@ -156,6 +156,11 @@ class Sentence:
         return self.stops and not self.commands and self.later is None
 
     @property
+    def moves(self) -> bool:
+        """Whether it asks for anything but a stop."""
+        return bool(self.commands) or (self.later is not None and self.later.moves)
+
+    @property
     def because(self) -> str:
         """Why it is a stop at once, behind a reply to it."""
         return f" (what else was said is not done: {self.why})" if self.why else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from queue import Empty, Queue
 from threading import Thread
 from time import monotonic, sleep, time_ns
@@ -136,7 +137,8 @@ class CommandClient(CommandInterface):
             start, reference = self._monitor.start(rehearsal.system), self._monitor.reference()
         except UserError as error:
             return Reply(text=text, accepted=False, line=str(error))
-        return rehearsal.check_from(text, start, reference)
+        reply, still = rehearsal.check_from(text, start, reference), self._monitor.standstill
+        return replace(reply, line=f"{reply.line}; but {still}") if reply.accepted and still else reply
 
     def _configured(self) -> Rehearsal:
         """What simulates as the commander does, by the parameters that the nodes have now. Raises UserError where one
@@ -178,6 +180,7 @@ class CommandClient(CommandInterface):
             outputs={f"{item.name} [{units[item.name]}]": value for item, value in values},
             references={f"{item.name} [{units[item.name]}]": value for item, value in wanted if item in tracked},
             inputs={f"{item.name} [{item.unit}]": value for item, value in named},
+            standstill=self._monitor.standstill,
         )
 
     def stop(self) -> Reply:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from time import monotonic_ns
+from time import monotonic_ns, time_ns
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.node import Node
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.commander.language.forecast import Start
+from hybrid_sysid_ros.extensions.commander.nodes.controller_report import ControllerReport
 from hybrid_sysid_ros.extensions.shared.nodes.collector import Collector
-from hybrid_sysid_ros.nodes.messages import JointStates, TrajectoryMessage
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.nodes.topics import TYPES
@@ -21,7 +23,11 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-SUBSCRIBES = ("state_estimate", "joint_command", "reference")
+SUBSCRIBES = ("state_estimate", "joint_command", "reference", "/diagnostics")
+OBEYED = SECOND // 2
+"""Within which a controller does what a service asks for [ns]; what it says until then may be of before."""
+UNANSWERED = SECOND
+"""Of estimates that no command has answered [ns], after which nothing moves."""
 
 
 class LoopMonitor:
@@ -40,6 +46,8 @@ class LoopMonitor:
         self.newest: dict[str, Any] = {}
         self.published = 0
         """When the newest estimate was, in system time [ns]."""
+        self.controller = ControllerReport()
+        self._loop_task = f"{node.get_namespace()}/controller".strip("/") + ": loop"
 
     def close(self) -> None:
         """Hear nothing any more."""
@@ -52,10 +60,34 @@ class LoopMonitor:
             validator = self.validators[topic]
             for data, published in collector.fetch():
                 message = validator.unpack(data)
-                if message is not None and validator.accepts_source(message.source):
+                if topic == "/diagnostics":
+                    self._take_report(message, published)
+                elif message is not None and validator.accepts_source(message.source):
                     validator.select_source(message.source)
                     self.newest[topic] = message
                     self.published = published if topic == "state_estimate" else self.published
+
+    def _take_report(self, message: DiagnosticArray | None, published: int) -> None:
+        for status in message.status if message is not None and published >= self.controller.published else ():
+            if status.name == self._loop_task:
+                self.controller = ControllerReport.of(status, published)
+
+    def expect(self, state: str, reason: str = "") -> None:
+        """Take the controller for what a service has just asked it to be, until it says what it is."""
+        self.controller = ControllerReport(state, reason, time_ns() + OBEYED)
+
+    def heard_since(self, then: int, patience: float) -> bool:
+        """Whether the controller has said what it does since a time [ns], or has not for so long after it [s]."""
+        return self.controller.published > then or time_ns() - then > patience * SECOND
+
+    @property
+    def standstill(self) -> str:
+        """That nothing moves, why, and what to do; "" where references are followed."""
+        command = self.newest.get("joint_command")
+        if self.controller.standstill or command is None or self.stamp - command.stamp < UNANSWERED:
+            return self.controller.standstill
+        seconds = (self.stamp - command.stamp) / SECOND
+        return f"nothing moves: no command has come for {seconds:.2g} s: is the controller running?"
 
     @property
     def stamp(self) -> int:

@@ -31,6 +31,7 @@ from hybrid_sysid_ros.extensions.commander.nodes import (
 )
 from hybrid_sysid_ros.extensions.commander.nodes.command_client import CommandClient
 from hybrid_sysid_ros.extensions.commander.nodes.commander import CommanderNode
+from hybrid_sysid_ros.extensions.commander.nodes.controller_report import ControllerReport
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.operation import ControllerMode
@@ -178,8 +179,40 @@ def test_an_emergency_stays_until_the_controller_is_reset_and_armed(loop: Driven
     loop.say("swing between -1 and 1 V at 1 Hz for 2 s")
     assert "reset and armed" in loop.say("cut the power!").message
     loop.bench.until(lambda: loop.controller.operation.emergency)
-    assert state(loop.say("go to 1 V")) == "waits"
+    refused = loop.say("go to 1 V")
+    assert state(refused) == "refused"
+    assert "nothing moves" in refused.message
+    assert "reset and arm" in refused.message
     assert not loop.call("controller/enable").success
+
+
+@pytest.mark.parametrize(
+    ("service", "way"), [("stop", "until the service enable"), ("hold", "until the service enable"), ("estop", "reset")]
+)
+def test_a_plan_is_broken_off_and_the_next_refused_where_the_controller_moves_nothing(
+    loop: DrivenRig, service: str, way: str
+) -> None:
+    assert state(loop.say("swing between -1 and 1 V at 0.5 Hz for 60 s")) == "begins"
+    assert loop.call(f"controller/{service}").success
+    loop.bench.until(lambda: state(loop.replies[-1]) == "stopped")
+    assert "broken off: nothing moves" in loop.replies[-1].message
+    assert loop.commander.running is None
+    refused = loop.say("go to 1 V")
+    assert state(refused) == "refused"
+    assert way in refused.message
+    if service != "estop":
+        assert loop.call("controller/enable").success
+        loop.bench.until(lambda: not loop.commander.monitor.standstill)
+        assert state(loop.say("go to 1 V in 0.2 s")) == "begins"
+        loop.bench.until(lambda: state(loop.replies[-1]) == "done")
+
+
+def test_what_a_controller_says_becomes_what_to_do() -> None:
+    assert ControllerReport("driving").standstill == ""
+    assert "activate it" in ControllerReport("inactive").standstill
+    assert "holding (innovation): wait" in ControllerReport("holding", "innovation").standstill
+    disarmed = "disarmed (not armed yet): call the service arm"
+    assert ControllerReport("disarmed", disarmed).standstill == f"nothing moves: the controller is {disarmed}"
 
 
 def test_stop_works_while_the_commander_is_not_configured(bench: Bench) -> None:
@@ -314,6 +347,7 @@ def test_a_client_tells_where_the_rig_is_and_what_would_come_of_a_command(
     assert found.live
     assert found.outputs == {"position [V]": pytest.approx(1.0, abs=0.2)}
     assert -10.0 <= found.inputs["drive [V]"] <= 10.0
+    assert found.standstill == ""
     loop.plant.deactivate()  # alone: in lockstep a loop never rests
     checked = call(client.check, "go up by 1 V")
     assert checked.line.startswith("position from 1 V (1.3 deg) to 2 V (2.6 deg)")
