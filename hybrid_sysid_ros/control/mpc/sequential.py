@@ -121,7 +121,7 @@ def improve(
     if not _solve_program(horizon, program):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
-    expected, change = expand(horizon, program, instance) if judged else (0.0, 0.0)
+    expected, change = expand(horizon, program, instance)
     search_along(prediction, horizon, program, instance, cost, True, False)
     horizon.progress[0].steps = 1
     if judged:
