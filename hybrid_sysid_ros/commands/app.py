@@ -157,7 +157,11 @@ def run_program(make: Callable[[], Commands]) -> None:
     except UserError as error:
         sys.stderr.writelines(f"error: {' '.join(line.split())}\n" for line in lines_of(error))
         sys.exit(2)
-    except OSError as error:  # such as a full disk behind standard output, or a pipe that closed
+    except BrokenPipeError:
+        from hybrid_sysid_ros.commands.terminal import reader_gone  # which imports what a list of commands needs not
+
+        reader_gone()
+    except OSError as error:  # such as a full disk behind standard output
         sys.stderr.write(f"error: {error.filename or 'standard output'}: {error.strerror or error}\n")
         sys.exit(2)
     except (Interrupted, KeyboardInterrupt) as error:

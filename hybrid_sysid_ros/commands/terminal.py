@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 from rich.console import Console
@@ -20,7 +21,22 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 
 PLAIN: dict[str, Any] = {"markup": False, "emoji": False}
 """Options that print names unchanged: a record may be called run[red] or a:b:c."""
-console = Console(soft_wrap=True, **PLAIN)
+
+
+def reader_gone() -> NoReturn:
+    """End well, since nobody reads standard output any more, as after ``| head``; what is left is for nobody."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(0)
+
+
+class PipedConsole(Console):
+    """A console behind which a pipe may close."""
+
+    def on_broken_pipe(self) -> None:
+        reader_gone()
+
+
+console = PipedConsole(soft_wrap=True, **PLAIN)
 status = Console(stderr=True, soft_wrap=True, **PLAIN)
 
 WIDEST = 100_000
@@ -115,7 +131,7 @@ def sampling_of(
 
 def print_table(table: Table) -> None:
     """Print a table below its title, its cells folded to the width of a terminal; elsewhere at its own width."""
-    shown = Console(width=None if console.is_terminal else WIDEST, **PLAIN)
+    shown = PipedConsole(width=None if console.is_terminal else WIDEST, **PLAIN)
     for column in table.columns:
         column.overflow = "fold"  # nothing is cut
     if table.title:

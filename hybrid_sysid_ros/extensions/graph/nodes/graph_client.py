@@ -79,6 +79,7 @@ class GraphClient:
             service = f"{namespace}/{service.removeprefix(f'{namespace}/')}"
         found = self._matching(self._triggers, service, namespace)
         if not found:
+            self._refuse_others(service, namespace)
             offered = {name.rsplit("/", 1)[-1] for name in self._triggers() if name.startswith(f"{namespace}/")}
             raise self._missing(f"no node{_in(namespace)} offers the service {service}", service, offered)
         _check_one({name.rsplit("/", 2)[0] for name in found}, f"the service {service} is offered")
@@ -214,14 +215,26 @@ class GraphClient:
         return sorted({f"{space.rstrip('/')}/{name}" for name, space in pairs if not name.startswith("_")})
 
     def _triggers(self) -> list[str]:
-        """Full names of the services that nodes offer; the names that ROS has of all are of their clients, too."""
-        found = set()
+        """Full names of the services of one type that nodes offer."""
+        return sorted(name for name, kinds in self._offered().items() if TRIGGER in kinds)
+
+    def _refuse_others(self, service: str, namespace: str) -> None:
+        """Raise UserError where a service is there, but of another type than one that call() takes."""
+        for name, kinds in self._offered().items():
+            if name == service or (name.endswith(f"/{service}") and name.startswith(f"{namespace}/")):
+                raise UserError(
+                    f"{name} is of type {kinds[0]}, and only {TRIGGER} is called here: use ros2 service call {name} "
+                    f"{kinds[0]}, or set a parameter of its node"
+                )
+
+    def _offered(self) -> dict[str, Sequence[str]]:
+        """Types of the services that nodes offer; the names that ROS has of all are of their clients, too."""
+        found: dict[str, Sequence[str]] = {}
         for full in self._names():
             with suppress(rclpy_implementation.NodeNameNonExistentError):  # it has gone
                 space, _, name = full.rpartition("/")
-                offered = self._node.get_service_names_and_types_by_node(name, space or "/")
-                found |= {service for service, kinds in offered if TRIGGER in kinds}
-        return sorted(found)
+                found |= dict(self._node.get_service_names_and_types_by_node(name, space or "/"))
+        return found
 
     def _matching(self, look: Callable[[], list[str]], wanted: str, namespace: str) -> list[str]:
         """The full names that are meant by one; a full one needs no look for others."""

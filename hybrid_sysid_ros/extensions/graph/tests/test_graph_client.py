@@ -93,6 +93,12 @@ def test_parameters_are_read_and_set_as_the_node_takes_them(bench: Bench, ask: A
         ask("set", node="plant", values={"bias": "[1"})
 
 
+def test_a_service_of_another_type_is_named_with_it(bench: Bench, ask: Ask) -> None:
+    bench.start(ReferenceNode, autostart=False)
+    with pytest.raises(UserError, match="is of type rcl_interfaces/srv/GetParameters, and only std_srvs/srv/Trigger"):
+        ask("call", service="reference/get_parameters")
+
+
 @pytest.mark.slow
 def test_what_is_not_there_is_said_with_what_is(bench: Bench, ask: Ask, domain: int) -> None:
     nobody = f"in ROS domain {domain}, looked for 1 s: "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 from hybrid_sysid_ros.extensions.pages.commands import docs
@@ -22,6 +24,14 @@ def test_a_page_is_printed_as_it_is_where_nobody_reads_it(command):
     assert (status, out) == (0, (ROOT / "docs" / "concepts.md").read_text(encoding="utf-8"))
     assert str(ROOT / "docs" / "concepts.md") in command("docs")[1]
     refused(command("docs", "concpts"), "no page concpts", "concepts")
+
+
+def test_a_reader_that_has_gone_is_no_error():
+    words = [sys.executable, "-m", "hybrid_sysid_ros", "docs"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as found:
+        assert found.stdout is not None
+        found.stdout.close()
+        assert (found.wait(60), found.stderr and found.stderr.read()) == (0, b"")
 
 
 def test_pages_are_found_where_a_wheel_was_installed(monkeypatch, tmp_path):
