@@ -16,8 +16,9 @@ from hybrid_sysid_ros.bags.sampling import JITTER, HeldMean
 from hybrid_sysid_ros.bags.series import SECOND
 from hybrid_sysid_ros.extensions.importing.grid import SAMPLES_PER_PIECE, CleanStamps, SampleGrid, clean_stamps, grid_of
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
-from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, rig_factor, seconds_of
+from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, further, rig_factor, seconds_of
 from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
+from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
 from hybrid_sysid_ros.models.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -152,7 +153,21 @@ class _Conversion:
         times = times[known] - column.delay
         if column.drift:
             times = self.grid.times[0] + (times - self.grid.times[0]) / (1.0 + column.drift)
-        return times, rig_factor(self.rig, name, column) * found[known] + column.offset
+        found = rig_factor(self.rig, name, column) * found[known] + column.offset
+        return times, self.whole(name, column, found) if column.unwrap else found
+
+    def whole(self, name: str, column: SignalColumn, angle: Array) -> Array:
+        """An angle (rows,) without wraps. Raises UserError for a signal that is no angle."""
+        units = {item.name: item.unit for item in (*self.rig.system.inputs, *self.rig.system.outputs)}
+        units |= {more: units[item.name] for item in self.rig.system.outputs for more in further(self.rig, item.name)}
+        turn = turn_of(units[name])
+        if turn is None:
+            raise UserError(f"{self.path}: unwrap of {name}: [{units[name]}] is no unit of an angle; leave it out")
+        self.notes.append(
+            f"{self.path}: {column.column} comes modulo a turn; {counted(len(wraps_of(angle, turn)), 'jump')} by a "
+            "turn taken out (unwrap)"
+        )
+        return unwrapped(angle, turn)
 
     def snapped(self, name: str, column: SignalColumn) -> tuple[Array, Array]:
         """Times and values of a signal, where stamps that only jitter about the grid's times are these."""

@@ -20,6 +20,7 @@ from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, w
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
 from hybrid_sysid_ros.extensions.importing.time_columns import times_of_column
 from hybrid_sysid_ros.extensions.shared.units import named
+from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper
@@ -53,7 +54,9 @@ class MadeSignal:
     factor: float
     """Of the rig's unit per unit of the column."""
     values: Array
-    """At the samples, (samples,) [unit of the rig]."""
+    """At the samples, (samples,) [unit of the rig], without wraps."""
+    wraps: bool
+    """Whether the column has an angle modulo a turn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +116,10 @@ def made_rig(
             )
         unit = units.get(item, column.unit)
         si, factor = _si(unit)
-        sampled = np.interp(grid.times, times_of[known], factor * values[known])
-        signals.append(MadeSignal(name=names[item], column=column, unit=si, factor=factor, values=sampled))
+        turn, its = turn_of(unit), values[known]
+        wraps = turn is not None and len(wraps_of(its, turn)) > 0
+        sampled = np.interp(grid.times, times_of[known], factor * (unwrapped(its, turn) if turn and wraps else its))
+        signals.append(MadeSignal(name=names[item], column=column, unit=si, factor=factor, values=sampled, wraps=wraps))
     made_inputs, made_outputs = signals[: len(inputs)], signals[len(inputs) :]
     step, band = _time_scale(made_outputs, grid.period)
     delays = delays_of(
@@ -137,7 +142,8 @@ def made_rig(
 
 def _column(item: MadeSignal, time: TimeColumn, units: dict[str, str]) -> SignalColumn:
     own = item.column.time if time.column and item.column.time != time.column else ""
-    return SignalColumn(column=item.column.name, unit=units.get(item.column.name, item.column.unit), time=own)
+    unit = units.get(item.column.name, item.column.unit)
+    return SignalColumn(column=item.column.name, unit=unit, time=own, unwrap=item.wraps)
 
 
 def _names(columns: Sequence[str]) -> dict[str, str]:

@@ -11,6 +11,7 @@ from hybrid_sysid_ros.extensions.importing import mapping
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, words_of
 from hybrid_sysid_ros.extensions.importing.time_columns import time_of, times_of_column
 from hybrid_sysid_ros.extensions.shared.units import named
+from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, wraps_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError, UserErrors
 
@@ -105,7 +106,11 @@ def guessed(
     def column_of(name: str) -> mapping.SignalColumn:
         column = file.columns[found[name]]
         own = column.time if time.column and column.time != time.column else ""
-        return mapping.SignalColumn(column=column.name, unit=units.get(name, column.unit), time=own)
+        unit = units.get(name, column.unit)
+        rig_unit = next((item.unit for item in items if item.name == name), "")
+        return mapping.SignalColumn(
+            column=column.name, unit=unit, time=own, unwrap=comes_wrapped(file, column.name, unit or rig_unit)
+        )
 
     return mapping.ImportMapping(
         time=time,
@@ -113,6 +118,12 @@ def guessed(
         outputs={item.name: column_of(item.name) for item in rig.system.outputs},
         channels={name: column_of(name) for name in extra if name in given},
     )
+
+
+def comes_wrapped(file: LogFile, column: str, unit: str) -> bool:
+    """Whether a column of a unit has an angle modulo a turn."""
+    turn = turn_of(unit)
+    return turn is not None and len(wraps_of(file.read([column])[column], turn)) > 0
 
 
 def _is_sure(scores: Sequence[tuple[float, LogColumn]]) -> bool:

@@ -72,6 +72,8 @@ class SignalColumn:
     """By which its clock is fast: .001 for a clock that counts 1.001 s in a second."""
     time: str = ""
     """Column with its times, where that is another one than the record's."""
+    unwrap: bool = False
+    """Whether the column has an angle modulo a turn, which is made whole."""
     holds: str = "following"
     """Of an input: its value acts from its time on ("following", a command), or until then ("preceding")."""
 

@@ -6,12 +6,14 @@ of thirty kinds of faults are named first at them, and how many good records are
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.record_check.relation import wanders
 from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held, response_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -36,10 +38,26 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     if any(signal.is_input and signal.span > 0.0 for signal in signals):
         found = [replace(item, cost=STILL) if item.kind == "no excitation" else item for item in found]
     found += _whole(record, signals)
+    found += _unrelated(record, signals)
     if not any(item.cost >= SILENT for item in found):
         found += response_findings(record, rig, signals)
         found = [item for item in (_of_held_input(item, record, rig) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
+
+
+def _unrelated(record: Record, signals: list[CheckedSignal]) -> Iterator[RecordFinding]:
+    """Outputs that walk at random, whatever the inputs do."""
+    if not any(item.is_input and item.span > 0.0 for item in signals):
+        return
+    for signal in signals:
+        quiet = signal.is_input or signal.explained or signal.span == 0.0
+        if not quiet and wanders(record.input, signal.values):
+            signal.explained = True
+            yield RecordFinding(
+                kind="no relation", cost=0.79,
+                words=f"{signal.name} walks at random at every time scale, and the inputs explain nothing of it",
+                cure="is it the right column, of the same experiment? what wanders by itself, a model can't simulate",
+            )  # fmt: skip
 
 
 def _of_held_input(item: RecordFinding, record: Record, rig: Rig) -> RecordFinding | None:

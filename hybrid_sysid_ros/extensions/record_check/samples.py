@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, wraps_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import counted
 
@@ -19,6 +20,8 @@ AROUND = 60
 """Lines of a spectrum on either side of the mains that give its floor; a record with fewer periods of the mains shows
 none, since the signal's own power is near.
 """
+LARGEST = 1e12
+"""Beyond which no signal of a rig lies, in any unit of the SI."""
 LONGEST_HOLD = 200
 """Samples over which a signal may be held; a longer level is a step of the experiment."""
 
@@ -88,6 +91,10 @@ def sample_findings(signal: CheckedSignal) -> Iterator[RecordFinding]:
             cure="name the right column, or " + ("drive the rig by it" if signal.is_input else "repair the sensor"),
         )  # fmt: skip
         return
+    if beyond := list(_impossible(signal)) or list(_wrapped(signal)):
+        signal.explained = True
+        yield from beyond
+        return
     found = list(_clipped(signal)) + list(_held(signal))
     if not (signal.is_input or found):
         found += _spikes(signal)
@@ -96,6 +103,32 @@ def sample_findings(signal: CheckedSignal) -> Iterator[RecordFinding]:
         found += () if found else _noise(signal)
     signal.explained = bool(found)
     yield from found
+
+
+def _impossible(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """Values that no rig reaches."""
+    far = np.abs(signal.values) > LARGEST
+    if far.any():
+        worst = int(np.argmax(np.abs(signal.values)))
+        yield RecordFinding(
+            kind="impossible values", cost=0.98,
+            words=f"{signal.name} has {counted(int(far.sum()), 'value')} that no rig reaches, such as "
+            f"{signal.shown(signal.values[worst])} at {signal.at(worst)}",
+            cure="bytes were read as another type, or a logger marks what is missing by such a number (guesses): make "
+            "it an empty cell, or name another column",
+        )  # fmt: skip
+
+
+def _wrapped(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """An angle modulo a turn."""
+    turn = turn_of(signal.unit)
+    if turn and len(places := wraps_of(signal.values, turn)):
+        yield RecordFinding(
+            kind="the angle wraps", cost=0.95,
+            words=f"{signal.name} comes modulo a turn and jumps by one {counted(len(places), 'time')}, the first "
+            f"behind {signal.at(int(places[0]))}",
+            cure="say unwrap: true for its column in import.yaml, and import the record anew",
+        )  # fmt: skip
 
 
 def _clipped(signal: CheckedSignal) -> Iterator[RecordFinding]:

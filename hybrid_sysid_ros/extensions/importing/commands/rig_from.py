@@ -72,6 +72,9 @@ def command(
     left = [item.name for item in free if item.name not in (*chosen_in, *chosen_out)]
     if left and not (inputs and outputs):
         console.print(f"left out: {', '.join(left[:30])}, whose names don't say what they are (--input, --output)")
+    for name, mapped in made.mapping.signals.items():
+        if mapped.unwrap:
+            console.print(f"{name} comes modulo a turn, and is made whole (unwrap in {FILE})")
     for name, seconds in made.delays.items():
         console.print(f"{name} acts {seconds:.3g} s later, which {name}_delay of {SYSTEM} begins at and fits correct")
     console.print(f"{place}: {SYSTEM}, {VALUES} and {FILE}")

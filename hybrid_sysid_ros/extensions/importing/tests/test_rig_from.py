@@ -194,3 +194,17 @@ def test_columns_that_are_left_out_are_named(program, tmp_path):
     chosen = ("--input", "current_mA", "--output", "pressure_bar")
     status, out, error = program("rig", "from", str(file), str(tmp_path / "chosen"), *chosen)
     assert (status, "left out" in out) == (0, False), out + error
+
+
+def test_an_angle_that_wraps_is_unwrapped_by_import_and_by_the_rig(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time, drive, angle = response(0.02)
+    turned = 400.0 * angle
+    rows = np.column_stack([time, drive, turned % 360.0])
+    np.savetxt("log.csv", rows, delimiter=",", header="time,drive,angle [deg]", comments="", fmt="%.9g")
+    status, out, error = program("rig", "from", "log.csv", "./turner")
+    assert (status, "angle comes modulo a turn" in out) == (0, True), error
+    status, out, error = program("import", "log.csv", "--rig", "./turner")
+    assert (status, "(unwrap)" in out + error) == (0, True), error
+    found = hs.read_bag("bags/log", hs.load_rig("./turner")).output[:, 0]
+    np.testing.assert_allclose(np.degrees(found - found[0]), turned - turned[0], atol=1e-4)

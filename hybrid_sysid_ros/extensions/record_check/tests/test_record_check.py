@@ -18,7 +18,10 @@ from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.importing.tests.test_rig_from import written
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of, played
+from hybrid_sysid_ros.extensions.record_check.relation import wanders
 from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held
+from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
+from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
 from tests.command_line import refused
 
 ROOT = Path(__file__).parents[4]
@@ -224,3 +227,49 @@ def test_identify_refuses_what_is_worth_nothing_unless_it_is_wanted_anyway(call,
     fit = partial(call, app.main, "hybrid-sysid", "identify", turned, *options)
     refused(fit(), "sign", "--anyway")
     assert fit("--anyway")[0] == 0
+
+
+@pytest.mark.parametrize(("unit", "turn"), [("rad", 2.0 * np.pi), ("deg", 360.0), ("turn", 1.0)])
+@pytest.mark.parametrize("low", [0.0, 0.5])
+def test_an_angle_that_wraps_is_made_whole(unit, turn, low):
+    """A turn may begin at 0 or in the middle; a filter may leave a sample between both ends."""
+    assert turn_of(unit) == pytest.approx(turn)
+    time = np.linspace(0.0, 20.0, 2000)
+    angle = turn * (1.7 * np.sin(0.7 * time) + 0.3 * np.sin(3.1 * time))
+    wrapped = (angle + low * turn) % turn - low * turn
+    assert len(wraps_of(wrapped, turn)) == int((np.abs(np.diff(wrapped)) > 0.8 * turn).sum())
+    whole = unwrapped(wrapped, turn)
+    np.testing.assert_allclose(whole - whole[0], angle - angle[0], atol=1e-9 * turn)
+    first = int(wraps_of(wrapped, turn)[0])
+    torn = wrapped.copy()
+    torn[first + 1] = 0.5 * (wrapped[first] + wrapped[first + 2])
+    np.testing.assert_allclose(unwrapped(torn, turn) - whole[0], angle - angle[0], atol=0.02 * turn)
+
+
+def test_what_is_a_turn_wide_and_jumps_with_its_motion_does_not_wrap():
+    steps = np.repeat([0.0, 2 * np.pi, 0.0, 2 * np.pi], 100)
+    assert len(wraps_of(steps, 2.0 * np.pi)) == 0
+    assert len(wraps_of(np.pi * np.sin(np.linspace(0, 20, 2000)), 2.0 * np.pi)) == 0
+    assert turn_of("V") is None
+    assert turn_of("deg/s") is None
+
+
+def test_an_angle_that_wraps_and_an_impossible_value_have_their_own_names():
+    time = np.linspace(0.0, 20.0, 2000)
+    signal = partial(CheckedSignal, name="angle", unit="rad", period=0.01, is_input=False)
+    wrapped = (8.0 * np.sin(time)) % (2.0 * np.pi)
+    (found,) = sample_findings(signal(values=wrapped))
+    assert (found.kind, found.blocks, "unwrap: true" in found.cure) == ("the angle wraps", True, True)
+    (found,) = sample_findings(signal(values=np.where(time == time[9], 4.75e38, wrapped)))
+    assert (found.kind, found.blocks) == ("impossible values", True)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_walk_is_related_to_no_input_and_an_answer_in_noise_is(seed):
+    random = np.random.default_rng(seed)
+    u = np.repeat(random.uniform(-1.0, 1.0, 100), 20)
+    lagged = lfilter([0.02], [1.0, -0.98], u)
+    walk = np.cumsum(random.normal(size=2000))
+    assert wanders(u[:, None], walk)
+    assert not wanders(u[:, None], lagged + 0.2 * random.normal(size=2000))
+    assert not wanders(u[:, None], np.abs(lagged) + 0.01 * random.normal(size=2000))
