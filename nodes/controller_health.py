@@ -47,7 +47,9 @@ def loop_tasks(node: ControllerNode) -> list[Task]:
         **{f"estimates {reason}": count for reason, count in node.dropped("state_estimate").items()},
         **{f"references {reason}": count for reason, count in node.dropped("reference").items()},
     }
-    guard, state, operation = node.adapter.guard, node.operation.reached, node.operation
+    guard, operation = node.adapter.guard, node.operation
+    by_itself = operation.reached if operation.reached < LoopState.STOPPED else LoopState.DRIVING
+    state = operation.state(by_itself)  # what a user has asked for counts before the next estimate
     by_guard = guard.level and LoopState.DRIVING < state < LoopState.STOPPED
     reason = guard.reason if by_guard or state is LoopState.SLOWED else operation.words
     if state is LoopState.RESTING and not by_guard:

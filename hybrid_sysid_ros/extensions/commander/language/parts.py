@@ -37,7 +37,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
         return any(letter in "VUOKTMu" for letter in before)
     if re.search("Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return _is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
-    return following in ("Z", "z", "D") and any(symbol.kind == "V" for symbol in rest)
+    return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
 
 
 def _is_level(symbol: Symbol | None) -> bool:

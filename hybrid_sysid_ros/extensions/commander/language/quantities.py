@@ -40,6 +40,8 @@ class QuantityReader:
         """A number in digits or words, with its unit; None where there is none."""
         start, sign = self.at, 0.0
         signs, numbers = self.lexicon.table["signs"], self.lexicon.table["numbers"]
+        if ("p", "plus_minus") in self.lexicon.meanings.get(tuple(self.words[self.at : self.at + 2]), ()):
+            return None
         while self.word() in signs and self._number_follows():
             if sign:
                 raise UserError("two signs before a number: write one")

@@ -214,14 +214,15 @@ class _Reader(QuantityReader):
             and any(kind == "V" for kind, _ in self.lexicon.meanings.get((self.word(),), ()))
         )
 
-    def _noun(self, skip: int) -> int:
-        """How many of the words behind the next ones name an output, or the rig."""
+    def _noun(self, skip: int) -> tuple[int, list[Symbol]]:
+        """How many of the words behind the next ones name an output, or the rig, and which output."""
         words = self.words[self.at + skip :]
         own, count = self.vocabulary.longest(words, self.lexicon), self.longest(self.lexicon.meanings, skip=skip)
         if own is not None and own[1].kind in "OJ":
-            return own[0]
+            return own[0], [own[1]] if own[1].kind == "O" else []
         meanings = self.lexicon.meanings[tuple(words[:count])] if count else ()
-        return count if any(kind == "K" for kind, _ in meanings) else 0
+        named = [Symbol(kind, value, " ".join(words[:count])) for kind, value in meanings if kind == "K"]
+        return count if named else 0, named
 
     def condition(self) -> bool:
         """A condition such as "once it is still" or "when it reaches 3 m"."""
@@ -230,9 +231,11 @@ class _Reader(QuantityReader):
         if not count:
             return False
         start, begin = " ".join(self.words[self.at : self.at + count]), count
+        named: list[Symbol] = []
         for _ in range(3):
             count += max(self.longest(parts[kind], skip=count) for kind in ("it_is", "articles", "object"))
-            count += self._noun(count)
+            more, nouns = self._noun(count)
+            count, named = count + more, named + nouns
         when = "until" if tuple(start.split()) in parts["until"] else "once"
         if self.longest(self.lexicon.meanings) > begin:
             return False  # "once more"
@@ -243,8 +246,9 @@ class _Reader(QuantityReader):
             self.found.append(Symbol("Z", when, f"{start} it is still"))
             return True
         if reaches:
-            self.at += (begin if self.longest(parts["reaches"], skip=begin) else count) + reaches
-            self.found.append(Symbol("z", when, start))
+            at_once = self.longest(parts["reaches"], skip=begin)
+            self.at += (begin if at_once else count) + reaches
+            self.found += [Symbol("z", when, start), *([] if at_once else named[:1])]
             return True
         if tuple(self.words[self.at : self.at + begin]) in self.lexicon.meanings:
             return False

@@ -59,7 +59,8 @@ class AwaitedCommand:
             return now - self.since >= self.condition.delay
         if self.condition.output is not None:
             k, value = self.condition.output, self.condition.value
-            return bool((shown[k] - value) * (self.begin[k] - value) <= 0.0)
+            near = 0.0 if self.sentence.is_stop else SHARE * (ranges[k].high - ranges[k].low)  # where a plan has led
+            return bool((shown[k] - value) * (self.begin[k] - value) <= 0.0 or abs(shown[k] - value) < near)
         self.seen = [*((at, values) for at, values in self.seen if now - at < STILL), (now, shown)]
         if not idle or now - self.since < STILL:
             return False

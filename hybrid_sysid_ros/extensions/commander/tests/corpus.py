@@ -40,6 +40,8 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "follow hardware", [follow("hardware")]),
     # One direction is not that of the value behind it, and what changes a swing moves nothing by itself.
     (CONE, "raise height 100 m speed 10 m/s", Refused("to that value, or by it, too?")),
+    (CONE, "when the speed reaches 20 m go home", Refused("is no speed")),
+    (BEAM, "SWING PLUS MINUS TWO VOLTS AT ONE HERTZ", [swing(-2, 2, 1, 10)]),
     (CONE, "mach 15", Refused("say a speed with its unit")),
     (BEAM, "go to one volt period", Refused("how long a period")),
     (BEAM, "increase the period by 2 s", Refused("how long a period")),

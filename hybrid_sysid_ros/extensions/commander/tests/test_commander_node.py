@@ -304,6 +304,12 @@ def test_a_condition_that_never_comes_is_reported_and_left_out(
     assert loop.commander.awaited is None
 
 
+def test_what_waits_for_where_the_motion_ends_comes_there(loop: DrivenRig) -> None:
+    loop.say("go to 2 V in 0.5 s, and when it reaches 2 V go to 1 V in 0.5 s")
+    loop.bench.until(lambda: loop.commander.awaited)
+    loop.bench.until(lambda: loop.references[-1].points[-1].positions[0] / VOLT == pytest.approx(1.0))
+
+
 def test_undo_goes_back_to_where_the_last_command_began(loop: DrivenRig) -> None:
     loop.say("go to 1 V in 0.2 s")
     loop.bench.until(lambda: state(loop.replies[-1]) == "done")

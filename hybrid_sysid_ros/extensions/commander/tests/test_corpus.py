@@ -116,6 +116,24 @@ def test_a_sentence_is_understood_as_it_reads(name: str, text: str, expected: An
             assert found[key] == (value if isinstance(value, str) else pytest.approx(value, rel=1e-9, abs=1e-12))
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "output", "value"),
+    [
+        ("winged_cone", "when the height reaches 100 m set speed to 20 m/s", "height", 100.0),
+        ("winged_cone", "quando a altura chegar a 100 m volte para casa", "height", 100.0),
+        ("winged_cone", "go to 50 m and once at 100 m go to 20 m/s", "height", 100.0),
+        ("wheel_motor", "stop when the speed passes 100 rpm", "speed", 100.0),
+    ],
+)
+def test_a_condition_is_of_the_output_that_it_names(name: str, text: str, output: str, value: float) -> None:
+    reader = interpreter(name)
+    condition = reader.read(text).condition
+    assert condition is not None
+    assert condition.output is not None
+    assert reader.vocabulary.outputs[condition.output].name == output
+    assert condition.value == pytest.approx(value)
+
+
 def test_what_is_repeated_does_not_grow_without_end() -> None:
     reader, start = replace(interpreter("cam_beam")), np.zeros(1)
     reader.note(reader.read("hold 1 V then home"), start)
