@@ -17,10 +17,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import carray, types
-from numba.extending import intrinsic
 
+from hybrid_sysid_ros.core.addresses import matrix, numbers_at, vector
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array, Records
@@ -67,7 +65,6 @@ earlier channels, and outliers: consecutive outliers so far.
 class Memory(NamedTuple):
     """First argument of kernels: records of the types above, and the past inputs. It is passed as a plain tuple, since
     Python passes a named one four times as slowly.
-
     """
 
     core: Records
@@ -80,34 +77,6 @@ class Memory(NamedTuple):
     """(capacity, channels) of READING."""
     inputs: Array
     """(length, 1 + inputs): end of an interval [s], integral of each input up to there; oldest first."""
-
-
-@intrinsic
-def _at(typingctx, address):  # type: ignore[no-untyped-def]
-    """A pointer to numbers from an address."""
-
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], ir.DoubleType().as_pointer())
-
-    return types.CPointer(types.float64)(types.int64), build
-
-
-@inner
-def numbers_at(address: int) -> Any:
-    """The numbers at an address, without a length."""
-    return _at(address)
-
-
-@inner
-def vector(address: int, length: int, first: int = 0) -> Array:
-    """The array (length,) that begins ``first`` numbers behind an address."""
-    return carray(_at(address + 8 * first), (length,))  # type: ignore[no-any-return]
-
-
-@inner
-def matrix(address: int, rows: int, columns: int, first: int = 0) -> Array:
-    """The array (rows, columns) that begins ``first`` numbers behind an address."""
-    return carray(_at(address + 8 * first), (rows, columns))  # type: ignore[no-any-return]
 
 
 @inner

@@ -5,18 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from hybrid_sysid_ros.core.addresses import matrix, numbers_at, vector
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.estimation.belief import (
-    REACH,
-    add_process_noise,
-    copy,
-    matrix,
-    move,
-    numbers_at,
-    rest,
-    vector,
-)
+from hybrid_sysid_ros.estimation.belief import REACH, add_process_noise, copy, move, rest
 from hybrid_sysid_ros.estimation.estimator import Estimator
 from hybrid_sysid_ros.estimation.measurement_sequence import filtered
 from hybrid_sysid_ros.support.arrays import Array

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from hybrid_sysid_ros.core.addresses import numbers_at, vector
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.belief import (
     EMPTY,
@@ -23,10 +24,8 @@ from hybrid_sysid_ros.estimation.belief import (
     correct,
     mean_of,
     move,
-    numbers_at,
     root_of,
     squared,
-    vector,
 )
 from hybrid_sysid_ros.support.arrays import Array, Records
 

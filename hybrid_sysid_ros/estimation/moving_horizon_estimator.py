@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from hybrid_sysid_ros.core.addresses import matrix, vector
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.estimation.belief import (
     clip_state,
     copy,
     copy_matrix,
     correct,
-    matrix,
     mean_of,
     move,
     rest,
     root_of,
     solve_triangular,
-    vector,
 )
 from hybrid_sysid_ros.estimation.estimator import Estimator
 from hybrid_sysid_ros.estimation.extended_kalman_filter import differences, triangle

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.addresses import matrix, numbers_at
 from hybrid_sysid_ros.core.compilation import kernel
-from hybrid_sysid_ros.estimation.belief import matrix, numbers_at
 from hybrid_sysid_ros.estimation.extended_kalman_filter import predict
 from hybrid_sysid_ros.estimation.initialisation import Initialisation, memory_of
 from hybrid_sysid_ros.estimation.measurement_sequence import begin, put, replay

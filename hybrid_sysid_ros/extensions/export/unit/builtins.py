@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control.mpc import quadratic_program
-from hybrid_sysid_ros.core import call, registers
-from hybrid_sysid_ros.estimation import belief
+from hybrid_sysid_ros.core import addresses, call, registers
 from hybrid_sysid_ros.extensions.export.unit.assignments import FRESH, ZEROS
 from hybrid_sysid_ros.extensions.export.unit.body import FunctionBody
 from hybrid_sysid_ros.extensions.export.unit.observation_kernels import exchange
@@ -178,17 +177,17 @@ def _behind(body: FunctionBody, array: Value, at: Value) -> Value:
     return offset(view, bracketed(body.number(at), SUM + 1), (None,))
 
 
-@_of(belief.numbers_at)
+@_of(addresses.numbers_at)
 def _numbers_at(body: FunctionBody, address: Value) -> Value:
     return body.translator.layout.at(address.value)  # type: ignore[union-attr]
 
 
-@_of(belief.vector)
+@_of(addresses.vector)
 def _vector(body: FunctionBody, address: Value, length: Value, first: Value = AT_ONCE) -> Value:
     return offset(_numbers_at(body, address), bracketed(body.number(first), SUM + 1), _sizes(length))  # type: ignore[arg-type]
 
 
-@_of(belief.matrix)
+@_of(addresses.matrix)
 def _matrix(body: FunctionBody, address: Value, rows: Value, columns: Value, first: Value = AT_ONCE) -> Value:
     shape = (*_sizes(rows), *_sizes(columns))
     return offset(_numbers_at(body, address), bracketed(body.number(first), SUM + 1), shape)  # type: ignore[arg-type]

@@ -6,20 +6,9 @@ import math
 
 import numpy as np
 
+from hybrid_sysid_ros.core.addresses import numbers_at, vector
 from hybrid_sysid_ros.core.call import call_value
-from hybrid_sysid_ros.estimation.belief import (
-    EMPTY,
-    GATED,
-    GIVEN,
-    INITIALISED,
-    USED,
-    copy,
-    mean_of,
-    numbers_at,
-    root_of,
-    set_model,
-    vector,
-)
+from hybrid_sysid_ros.estimation.belief import EMPTY, GATED, GIVEN, INITIALISED, USED, copy, mean_of, root_of, set_model
 from hybrid_sysid_ros.estimation.extended_kalman_filter import predict
 from hybrid_sysid_ros.estimation.initialisation import LONGEST_GAP
 from hybrid_sysid_ros.estimation.measurement_sequence import BEGIN, LARGEST_INPUT, LOOK, LOST, MEASURE, ODD, filtered

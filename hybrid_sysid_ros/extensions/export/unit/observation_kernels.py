@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from hybrid_sysid_ros.estimation.belief import copy, numbers_at
+from hybrid_sysid_ros.core.addresses import numbers_at
+from hybrid_sysid_ros.estimation.belief import copy
 from hybrid_sysid_ros.estimation.monitored_estimator import (
     DIVERGED,
     agrees,
