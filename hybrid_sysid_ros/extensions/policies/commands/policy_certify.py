@@ -58,11 +58,26 @@ def command(
             raise UserError("--again prints a table of one loop: leave --json out")
         terminal.print_table(loop_table(trial, again, driver))
         return
+    certificate = _counted(policy, trial, loops, delta=delta, workers=workers, cluster=cluster)
+    certificate.save(policy)
+    if as_json:
+        terminal.console.print(json.dumps(content(certificate), indent=2))
+        return
+    for table in tables(certificate):
+        terminal.print_table(table)
+    terminal.console.print(summary(certificate))
+    terminal.console.print(str(policy / certificates.FILE))
+
+
+def _counted(policy: Path, trial: Trial, loops: int, **settings: Any) -> certificates.Certificate:
+    """The certificate of so many loops, with those that are counted already. settings: those of :func:`certify`. Raises
+    UserError where more are counted, and where finished loops can't be kept.
+    """
     store = beside(policy, ".certificate.part")
     check_file(policy / certificates.FILE)
     if store.exists() and not store.is_dir():
         raise UserError(f"{store}: is a file, and finished loops are to be kept there: remove it")
-    before = _before(policy, trial)
+    before, seed = _before(policy, trial), trial.seed
     there = next((sum(item.loops.values()) for item in before.ledger if item.seed == seed), 0) if before else 0
     if there > loops:
         raise UserError(f"{policy / certificates.FILE}: counts {there} loops of seed {seed}; give as many with --loops")
@@ -75,26 +90,9 @@ def command(
                 kept = done
                 update(stage, done, of)
 
-            certificate = certify(
-                trial,
-                loops=loops,
-                delta=delta,
-                before=before,
-                workers=workers,
-                cluster=cluster,
-                store=store,
-                progress=progress,
-            )
+            return certify(trial, loops=loops, before=before, store=store, progress=progress, **settings)
     except KeyboardInterrupt:
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
-    certificate.save(policy)
-    if as_json:
-        terminal.console.print(json.dumps(content(certificate), indent=2))
-        return
-    for table in tables(certificate):
-        terminal.print_table(table)
-    terminal.console.print(summary(certificate))
-    terminal.console.print(str(policy / certificates.FILE))
 
 
 def _before(policy: Path, trial: Trial) -> certificates.Certificate | None:

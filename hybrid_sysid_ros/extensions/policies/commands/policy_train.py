@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -91,11 +92,16 @@ def command(
     policy.save(out)
     if as_json:
         terminal.console.print(json.dumps(policy.training, indent=2))
-        return
-    table = Table("quantity", "value", title=f"policy {out}")
-    for key, value in policy.training.items():
+    else:
+        terminal.print_table(_table(policy.training, f"policy {out}"))
+
+
+def _table(training: Mapping[str, Any], title: str) -> Table:
+    """How a policy was trained."""
+    table = Table("quantity", "value", title=title)
+    for key, value in training.items():
         table.add_row(key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
-    terminal.print_table(table)
+    return table
 
 
 def _widths(text: str) -> tuple[int, ...]:

@@ -26,13 +26,13 @@ from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
-from hybrid_sysid_ros.extensions.vision.reading.layers import KIND
+from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, calibrated
 from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.rigs.rig import default
+from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
@@ -109,15 +109,9 @@ def camera_demo(
         overwrite=True,
     )  # fmt: skip
     status.print("2 learning the layers of the picture, and reading positions by them")
-    with status.status("looking at the film") as spinner:
-        view = FilmView(path=film)
-        layers, _ = learn(picked(view), described, readout=CAMERA.readout, progress=spinner.update)
-        footage = followed(view, AngleReader(layers), scene.lamp)
-        record = video_record.joined(footage, layers, described, recorded, exposure=CAMERA.exposure)
-        layers = calibrated(layers, record)
-        layers.save(layers_folder)
-        made_by = "hybrid-sysid demo --camera"
-        video_record.write(record, described, scene.joint, recorded, seen, replace=True, made_by=made_by)
+    record, layers = _learned(film, described, recorded, layers_folder)
+    made_by = "hybrid-sysid demo --camera"
+    video_record.write(record, described, scene.joint, recorded, seen, replace=True, made_by=made_by)
     if not quiet:
         print_table(table_of(record))
     status.print("3 running the loop as ROS 2 processes, its sensor out: a camera takes its place")
@@ -152,6 +146,18 @@ def camera_demo(
         print_table(_table(summary))
         print_lines(run.lines | {"report": str(out / "report.html"), "numbers": str(out / "summary.json")}, run.alarms)
     return summary
+
+
+def _learned(film: Path, rig: Rig, bag: Path, folder: Path) -> tuple[VideoRecord, PictureLayers]:
+    """Positions of a film in a bag's time, and the layers that were learned to read them, saved in a folder."""
+    with status.status("looking at the film") as spinner:
+        view = FilmView(path=film)
+        layers, _ = learn(picked(view), rig, readout=CAMERA.readout, progress=spinner.update)
+        footage = followed(view, AngleReader(layers), scene_of(rig).lamp)
+        record = video_record.joined(footage, layers, rig, bag, exposure=CAMERA.exposure)
+        layers = calibrated(layers, record)
+        layers.save(folder)
+    return record, layers
 
 
 def _seen(record: VideoRecord) -> dict[str, Any]:
