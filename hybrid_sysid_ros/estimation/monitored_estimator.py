@@ -14,6 +14,7 @@ from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation.estimator import Estimator, StateEstimate
 from hybrid_sysid_ros.estimation.frozen_sensor import ENOUGH, FrozenSensorDetector, frozen_detectors, is_frozen
 from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
+from hybrid_sysid_ros.estimation.observability import spare_sensors
 from hybrid_sysid_ros.estimation.reversed_input import (
     NONE,
     ReversalTrial,
@@ -29,12 +30,12 @@ from hybrid_sysid_ros.estimation.sensor_monitor import (
     MonitoredSensor,
     MonitorRecord,
     SensorMonitor,
+    have_jumped,
     is_any_left_out,
     is_contradicted,
     judge_sensors,
     readmit,
     renew,
-    spare_sensors,
 )
 from hybrid_sysid_ros.estimation.suspicion import LONGEST
 from hybrid_sysid_ros.estimation.tuning import Tuning
@@ -55,12 +56,13 @@ GAP = 3.5
 
 @dataclass(frozen=True, kw_only=True)
 class MonitorSettings:
-    """When an estimate is doubted. See :class:`~.sensor_monitor.SensorMonitor` for the first four."""
+    """When an estimate is doubted. See :class:`~.sensor_monitor.SensorMonitor` for the first five."""
 
     largest: Sequence[float]
     least: Sequence[float]
     leave_after: float
     timeout: float
+    alone: float = 0.0
     frozen_after: float
     """Time [s] after which a sensor that is too still is frozen."""
     white_noise: Sequence[float]
@@ -165,6 +167,8 @@ def agrees(
 class MonitoredEstimator:
     """An estimator with its monitor. It makes no other estimates than the one in it, but for what it leaves out.
 
+    Where several jump at once, and the rig can't rest, none is used for a while: the model goes on alone.
+
     While a sensor is left out, a second estimator of all sensors begins anew whenever they contradict it. It takes the
     place of the first one when it has agreed for AGREED seconds: so a sensor is tried without spoiling the estimate.
     One that jumped must jump back before: an estimate that begins at it has nothing against a slow state that is wrong.
@@ -209,6 +213,7 @@ class MonitoredEstimator:
             least=settings.least,
             leave_after=settings.leave_after,
             timeout=settings.timeout,
+            alone=settings.alone,
             covered=self._covered,
         )
 
@@ -240,7 +245,11 @@ class MonitoredEstimator:
             self._judge(estimate, applied, elapsed)
             if self.trial is not None and is_any_left_out(sensors) and may_try(self.tried, sensors, shown):
                 self._try_again(self.trial, time, acting, elapsed)
-            if self.rivals and may_compete(self.reversal, sensors, shown, self.settings.reversible, elapsed):
+            if (
+                self.rivals
+                and not have_jumped(self.monitor.record)
+                and may_compete(self.reversal, sensors, shown, self.settings.reversible, elapsed)
+            ):
                 estimate = self._compete(time, acting, elapsed) or estimate
         return estimate
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Recurrence, System, rollouts
 from hybrid_sysid_ros.core.rollout import one_step
@@ -25,6 +28,9 @@ SMALLEST = 1e-6
 ALIKE = 0.05
 """Largest share of a parameter's effect that an offset of the input can't reproduce, for both to count as the same: it
 is 1.6 % for the shipped hybrid's centre, whose network reads the input too, and 16 % or more for other parameters."""
+
+BLIND = 1e15
+"""Factor on the deviation of a sensor's noise that makes it tell nothing."""
 
 
 def check_observable(system: System, tuning: Tuning, *, step: float) -> None:
@@ -132,3 +138,21 @@ def offset_gains(system: System, tuning: Tuning, *, step: float) -> Array | None
                     )
             gains[k] = gain
     return gains if np.any(gains) else None
+
+
+def spare_sensors(system: System, tuning: Tuning, *, step: float) -> NDArray[np.bool_]:
+    """Which outputs (outputs,) can be left out because the others tell the state without them."""
+    tuning = tuning.checked(system)
+    noise = tuning.measurement_noise
+
+    def is_spare(k: int) -> bool:
+        if len(noise) + len(tuning.channels) == 1:
+            return False
+        without = tuple(BLIND * value if j == k else value for j, value in enumerate(noise))
+        try:
+            check_observable(system, replace(tuning, measurement_noise=without), step=step)
+        except UserError:
+            return False
+        return True
+
+    return np.array([is_spare(k) for k in range(len(noise))])

@@ -7,17 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.estimation.observability import check_observable
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, suspicion
-from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Floats
-from hybrid_sysid_ros.support.errors import UserError
 
 AVERAGE, LONG_AVERAGE = 0.1, 0.4
 """Time constants [s] of the mean squares that are compared with the largest and with the least that is plausible."""
@@ -33,29 +29,11 @@ model at once, it is more likely that the model or an actuator is wrong. One aft
 SUDDEN = 2.0
 """Multiple of the largest mean square that is still plausible, by which a first suspicious reading has jumped: what an
 actuator does shows in a sensor by and by. Found by trial on rehearsed faults."""
+STEADY = 3.0
+"""Mean square until which a sensor has agreed: only from there it can have jumped, and has not drifted away."""
 AGREED = 0.2
 """Time [s] for which another estimate, of all sensors, must have agreed with them before it is the loop's, and a sensor
 that was left out is used again: an estimate that has begun anew believes them all at first."""
-BLIND = 1e15
-"""Factor on the deviation of a sensor's noise that makes it tell nothing."""
-
-
-def spare_sensors(system: System, tuning: Tuning, *, step: float) -> NDArray[np.bool_]:
-    """Which outputs (outputs,) can be left out because the others tell the state without them."""
-    tuning = tuning.checked(system)
-    noise = tuning.measurement_noise
-
-    def is_spare(k: int) -> bool:
-        if len(noise) + len(tuning.channels) == 1:
-            return False
-        without = tuple(BLIND * value if j == k else value for j, value in enumerate(noise))
-        try:
-            check_observable(system, replace(tuning, measurement_noise=without), step=step)
-        except UserError:
-            return False
-        return True
-
-    return np.array([is_spare(k) for k in range(len(noise))])
 
 
 @dataclass(slots=True)
@@ -66,6 +44,14 @@ class MonitorRecord:
 
     leave_after: float
     timeout: float
+    alone: float
+    """Time [s] for which the model may go on alone, without sensors that jumped; 0 where the rig can rest instead."""
+    spent: float = 0.0
+    """For how long it has [s]."""
+    calm: float = BLAMELESS
+    """Since a sensor was under suspicion or left out last [s]."""
+    jumped: int = 0
+    """How many sensors jumped at once after such a time."""
 
 
 @dataclass(slots=True)
@@ -77,7 +63,7 @@ class MonitoredSensor:
     """
 
     spare: bool
-    """Whether it can be left out; see :func:`spare_sensors`."""
+    """Whether it can be left out; see :func:`~.observability.spare_sensors`."""
     covered: bool
     """Whether a further channel shows its output, too."""
     noise: float
@@ -140,7 +126,7 @@ def judge_sensors(
         if sensors[k].left_out:
             _compare(monitor, sensors, k, readings[k], expected[k], elapsed)
         else:
-            if sensors[k].seconds == 0.0:
+            if sensors[k].seconds == 0.0 and sensors[k].mean < STEADY:
                 sensors[k].away = normalised[k] > SUDDEN * sensors[k].largest
             r = _evidence(monitor, sensors, k, normalised[k], elapsed)
             seconds = suspicion(sensors[k].seconds, r, elapsed, 2.0 * monitor.leave_after)
@@ -148,17 +134,55 @@ def judge_sensors(
             if seconds > 0.0 and r > 1.0:
                 sensors[k].blamed = 0.0
     if _is_vain(monitor, sensors):
-        readmit(sensors)
-        for k in range(count):  # the model or an actuator is to blame: none is left out for a while
-            sensors[k].blamed = 0.0
+        _give_up(sensors)
     for k in range(count):
         if sensors[k].spare and sensors[k].seconds > most:
             worst, most = k, sensors[k].seconds
     if most >= monitor.leave_after and _may_leave(monitor, sensors, worst):
-        sensors[worst].left_out, sensors[worst].evidence = True, 0.0
-        sensors[worst].mean = CLEAREST * sensors[worst].largest
-        sensors[worst].reading = sensors[worst].off = math.nan
-        sensors[worst].count += 1
+        _leave_out(sensors, worst)
+
+
+def go_on_alone(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], elapsed: float) -> None:
+    """Leave out all sensors for a while if more than one jumped at once: what an actuator does shows by and by, so that
+    the readings are wrong, and those that look right are believed no more than the others.
+    """
+    jumped, out, most = 0, 0, 0.0
+    for k in range(len(sensors)):
+        jumped += 1 if sensors[k].away else 0
+        out += 1 if sensors[k].left_out else 0
+        most = max(most, sensors[k].seconds)
+    if most > 0.0 and monitor.calm > 0.0:
+        monitor.jumped = jumped if monitor.calm >= BLAMELESS else 0
+    monitor.calm = 0.0 if most > 0.0 else monitor.calm + elapsed
+    monitor.spent = monitor.spent + elapsed if out > 1 else 0.0
+    if monitor.spent > monitor.alone:
+        _give_up(sensors)
+        monitor.jumped = 0
+    elif have_jumped(monitor) and out > 1 and jumped == 0:
+        readmit(sensors)
+    elif have_jumped(monitor) and most >= monitor.leave_after:
+        for k in range(len(sensors)):
+            if sensors[k].spare and not sensors[k].left_out:
+                _leave_out(sensors, k)
+
+
+def have_jumped(monitor: MonitorRecord) -> bool:
+    """Whether the readings are wrong, and no actuator is, and the model may go on alone."""
+    return monitor.alone > 0.0 and monitor.jumped > 1 and monitor.calm == 0.0
+
+
+def _leave_out(sensors: Sequence[MonitoredSensor], k: int) -> None:
+    sensors[k].left_out, sensors[k].evidence = True, 0.0
+    sensors[k].mean = CLEAREST * sensors[k].largest
+    sensors[k].reading = sensors[k].off = math.nan
+    sensors[k].count += 1
+
+
+def _give_up(sensors: Sequence[MonitoredSensor]) -> None:
+    """Use all sensors again: the model or an actuator is to blame, and none is left out for a while."""
+    readmit(sensors)
+    for k in range(len(sensors)):
+        sensors[k].blamed = 0.0
 
 
 def _evidence(
@@ -186,7 +210,7 @@ def _compare(
     largest, off = sensors[k].largest, reading - expected
     jump = min(abs(reading - sensors[k].reading), abs(off - sensors[k].off))
     sensors[k].reading, sensors[k].off = reading, off
-    if jump > sensors[k].noise * math.sqrt(2.0 * largest) or sensors[k].silent > monitor.timeout:
+    if jump > sensors[k].noise * math.sqrt(2.0 * SUDDEN * largest) or sensors[k].silent > monitor.timeout:
         sensors[k].away = False
     square = min((off / sensors[k].noise) * (off / sensors[k].noise), CLEAREST * largest)
     agrees = False
@@ -195,7 +219,9 @@ def _compare(
         agrees = sensors[k].mean < AGREES * largest
     evidence = 0.0 if agrees else CLEAREST
     sensors[k].seconds = suspicion(sensors[k].seconds, evidence, elapsed, 2.0 * monitor.leave_after)
-    if sensors[k].seconds == 0.0:
+    if sensors[k].seconds == 0.0 and have_jumped(monitor):
+        sensors[k].away = False
+    elif sensors[k].seconds == 0.0:
         _admit(sensors, k)
 
 
@@ -258,11 +284,11 @@ def is_contradicted(sensors: Sequence[MonitoredSensor]) -> bool:
 
 def doubt_of(sensors: Sequence[MonitoredSensor]) -> float:
     """The strongest evidence against the estimate, as a multiple of its threshold."""
-    most, used = 0.0, False
+    most = 0.0
     for k in range(len(sensors)):
         if not sensors[k].left_out:
-            most, used = max(most, sensors[k].evidence), True
-    return most if used else CLEAREST
+            most = max(most, sensors[k].evidence)
+    return most
 
 
 class SensorMonitor:
@@ -277,11 +303,12 @@ class SensorMonitor:
         least: Sequence[float],
         leave_after: float,
         timeout: float,
+        alone: float = 0.0,
         covered: Sequence[bool] = (),
     ) -> None:
         """See :class:`MonitoredSensor`, each (p,); covered: by default none is."""
         covered = covered or [False] * len(noise)
-        self.record = MonitorRecord(leave_after, timeout)
+        self.record = MonitorRecord(leave_after, timeout, alone)
         rows = zip(map(bool, spare), covered, noise, largest, least, strict=True)
         self.sensors = [MonitoredSensor(*row) for row in rows]
 
@@ -314,3 +341,4 @@ class SensorMonitor:
         """See :func:`judge_sensors`."""
         known = expected if expected is not None else [math.nan] * len(self.sensors)
         judge_sensors(self.record, self.sensors, readings, normalised, known, elapsed)
+        go_on_alone(self.record, self.sensors, elapsed)

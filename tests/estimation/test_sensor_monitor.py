@@ -7,7 +7,8 @@ import pytest
 
 from hybrid_sysid_ros.estimation.frozen_sensor import frozen_detectors, is_frozen
 from hybrid_sysid_ros.estimation.monitored_estimator import screen
-from hybrid_sysid_ros.estimation.sensor_monitor import AVERAGE, BLAMELESS, SensorMonitor, readmit, spare_sensors
+from hybrid_sysid_ros.estimation.observability import spare_sensors
+from hybrid_sysid_ros.estimation.sensor_monitor import AVERAGE, BLAMELESS, SensorMonitor, readmit
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, suspicion
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_tuning
@@ -125,6 +126,44 @@ def test_none_is_left_out_where_both_are_in_doubt(squares):
     judge(found, squares, steps=200)
     assert found.left_out == [False, False]
     assert found.doubt > 1.0
+
+
+def three_of_which_two_jump(alone):
+    found = monitor([True] * 3, alone=alone)
+    judge(found, [1.0] * 3, steps=20)
+    judge(found, [400.0, 400.0, 1.0], readings=[20.0, 20.0, 0.0], steps=10)
+    return found
+
+
+def test_none_is_believed_where_two_jump_at_once_until_they_jump_back():
+    found = three_of_which_two_jump(alone=2.0)
+    assert found.left_out == [True] * 3
+    assert found.doubt == 0.0
+    judge(found, [math.nan] * 3, readings=[20.0, 20.0, 0.0], expected=[0.0] * 3, steps=200)
+    assert found.left_out == [True] * 3, "the third agrees, and is believed no more than the others"
+    judge(found, [math.nan] * 3, readings=[0.0, 20.0, 0.0], expected=[0.0] * 3)
+    assert found.left_out == [True] * 3
+    judge(found, [math.nan] * 3, readings=[0.0] * 3, expected=[0.0] * 3)
+    assert found.left_out == [False] * 3
+
+
+def test_the_model_goes_on_alone_for_a_stated_time_and_once():
+    found = three_of_which_two_jump(alone=0.5)
+    judge(found, [math.nan] * 3, readings=[20.0, 20.0, 0.0], expected=[0.0] * 3, steps=101)
+    assert found.left_out == [False] * 3
+    judge(found, [400.0, 400.0, 1.0], readings=[20.0, 20.0, 0.0], steps=200)
+    assert found.left_out == [False] * 3
+    assert found.doubt > 1.0
+
+
+@pytest.mark.parametrize("alone", [0.0, 2.0])
+def test_two_that_drift_away_or_of_a_rig_that_rests_are_used(alone):
+    found = three_of_which_two_jump(alone=0.0)
+    assert found.left_out == [False] * 3
+    found = monitor([True] * 3, alone=alone)
+    for k in range(100):
+        judge(found, [0.05 * k**2, 0.05 * k**2, 1.0])
+    assert found.left_out == [False] * 3
 
 
 def test_a_sensor_that_nobody_can_do_without_stays():

@@ -31,6 +31,8 @@ from hybrid_sysid_ros.estimation.reversed_input import (
 )
 from hybrid_sysid_ros.estimation.sensor_monitor import (
     doubt_of,
+    go_on_alone,
+    have_jumped,
     is_any_left_out,
     judge_sensors,
     readmit,
@@ -77,7 +79,11 @@ def observe(loop: PrintedLoop, time: float) -> bool:
                 and may_try(monitor.trial[0], sensors, monitor.shown)
             ):
                 _try_again(loop, time, elapsed)
-            if len(reversal) > 0 and may_compete(reversal[0], sensors, monitor.shown, monitor.reversible, elapsed):
+            if (
+                len(reversal) > 0
+                and not have_jumped(monitor.core[0])
+                and may_compete(reversal[0], sensors, monitor.shown, monitor.reversible, elapsed)
+            ):
                 _compete(loop, time, elapsed)
     progress.doubt = max(doubt_of(sensors), DIVERGED if watch.diverged else 0.0)
     progress.without = float(without(monitor.core[0], sensors))
@@ -117,6 +123,7 @@ def _watch(loop: PrintedLoop, elapsed: float) -> None:
     if is_any_left_out(monitor.sensors):
         expect(loop, expected)
     judge_sensors(monitor.core[0], monitor.sensors, monitor.shown, out[first : first + core.outputs], expected, elapsed)
+    go_on_alone(monitor.core[0], monitor.sensors, elapsed)
     if _times_left_out(loop) > out_before:
         loosen(loop)
         if len(monitor.trial) > 0:
