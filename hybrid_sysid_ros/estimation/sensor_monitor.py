@@ -219,9 +219,7 @@ def _compare(
         agrees = sensors[k].mean < AGREES * largest
     evidence = 0.0 if agrees else CLEAREST
     sensors[k].seconds = suspicion(sensors[k].seconds, evidence, elapsed, 2.0 * monitor.leave_after)
-    if sensors[k].seconds == 0.0 and have_jumped(monitor):
-        sensors[k].away = False
-    elif sensors[k].seconds == 0.0:
+    if sensors[k].seconds == 0.0 and not have_jumped(monitor):
         _admit(sensors, k)
 
 

@@ -22,6 +22,7 @@ REASONS = {
     "range": "the state is outside of the rig's travel or validity",
 }
 """Kinds of evidence, in words."""
+LEFT_OUT = "a sensor is missing or left out: it may show an actuator's fault"
 REVERSED = "an input acts reversed, and is sent with the other sign"
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
 
@@ -163,7 +164,7 @@ class Guard:
         """Why the level is what it is, in words."""
         cause = self.memory.failsafe[0].cause
         if cause == NOTHING:
-            return "a sensor is missing or left out" if self.memory.core[0].reversed == NONE else REVERSED
+            return LEFT_OUT if self.memory.core[0].reversed == NONE else REVERSED
         return [*REASONS.values()][cause]
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.safety.guard import REASONS, REVERSED
+from hybrid_sysid_ros.control.safety.guard import LEFT_OUT, REASONS, REVERSED
 from hybrid_sysid_ros.extensions.export.unit.folder import unit_name
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
 from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, LIVE, NODES, UNWATCHED_LOOP, UNWATCHED_SENSORS
@@ -86,6 +86,7 @@ def _numbers(
         "COVARIANCE_SIZE": len(labels),
         "COVARIANCE_LABEL": text(f"covariance of {', '.join(labels)}"),
         "RIG": text(rig.name),
+        "SENSOR_LEFT_OUT": text(LEFT_OUT),
         "INPUT_REVERSED": text(REVERSED),
         "BODY": text(body),
         "NOT_WATCHED_SENSORS": text(UNWATCHED_SENSORS),

@@ -133,7 +133,7 @@ const char *doubt_in_words(void)
     const int cause = unit.guard_failsafe[0].cause;
 
     if (cause < 0) {
-        return unit.guard_core[0].reversed < 0 ? "a sensor is missing or left out" : INPUT_REVERSED;
+        return unit.guard_core[0].reversed < 0 ? SENSOR_LEFT_OUT : INPUT_REVERSED;
     }
     return doubts[cause];
 }

@@ -58,7 +58,7 @@ enum @{name}_cause {
     @{NAME}_ESTIMATE, /* measurements contradict the model */
     @{NAME}_ACTUATOR, /* the actuator does not do what was commanded */
     @{NAME}_RANGE, /* the state is outside of the rig's travel or validity */
-    @{NAME}_SENSOR, /* a sensor is missing or left out */
+    @{NAME}_SENSOR, /* a sensor is missing or left out: it may show an actuator's fault */
     @{NAME}_REVERSED /* an input acts reversed, and is sent with the other sign */
 };
 
