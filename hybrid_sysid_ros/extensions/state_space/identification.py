@@ -14,7 +14,16 @@ from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.extensions.state_space import subspace
 from hybrid_sysid_ros.extensions.state_space.order_selection import Selection, comparable, rows_for, select_order
 from hybrid_sysid_ros.extensions.state_space.periods import spectrum_of
-from hybrid_sysid_ros.extensions.state_space.refinement import Refined, refine, unit_states, weights_of, without_last
+from hybrid_sysid_ros.extensions.state_space.refinement import (
+    RIDGE,
+    Refined,
+    acting,
+    calm,
+    refine,
+    unit_states,
+    weights_of,
+    without_last,
+)
 from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
 from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
@@ -24,12 +33,6 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.threads import alone
 
 Progress = Callable[[str, int, float], None]
-ANSWER = 0.1
-"""Prior deviation of what an output moves, in its deviation, after an input that moves by its own for one sample: a
-record has tens of samples in the time in which a system answers.
-"""
-CALM = 500
-"""Samples over which a model is asked to rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +47,7 @@ class StateSpaceSettings:
     """Whether an input acts on the outputs at once; None: held-out blocks decide."""
     units: int = 0
     power: int = 0
-    ridge: float = 1e-8
+    ridge: float = RIDGE
     """Weight of the squared weights of units, relative to the sum of squared outputs."""
     starts: int = 3
     """Random beginnings of the units, of which the best fit stays."""
@@ -71,18 +74,12 @@ def identify_state_space(
     tell = progress or (lambda stage, count, error: None)
     with alone():
         stretches, scales = _scaled(records)
-        dead, known = tuple[int, ...](), records[0].sampling.initial_samples
-        selection = _selected(stretches, settings, known, tell)
-        if any(settings.dead):
-            acting = [_acting(item, settings.dead) for item in stretches]
-            waiting = _selected(acting, settings, known, tell)
-            if waiting.error <= selection.error and waiting.order <= selection.order:
-                stretches, selection, dead = acting, waiting, settings.dead
+        stretches, selection, dead = _with_dead_time(stretches, settings, records[0].sampling.initial_samples, tell)
         start = _start(stretches, selection)
         order = selection.order
         linear = Sizes(states=order, inputs=len(inputs), outputs=len(outputs))
         met = min(_mean_square(start, stretches), selection.error**2)
-        calmed = [*stretches, _calm(start.level, met, len(inputs))]
+        calmed = [*stretches, calm(start.level, met, len(inputs))]
         best = _refined(weights_of(start, linear), linear, calmed, selection, settings, "linear", tell)
         best = without_last(best, linear, stretches)
         count, sizes = best.evaluations, replace(linear, units=settings.units, power=settings.power)
@@ -141,14 +138,17 @@ def _scaled(records: Sequence[PreparedRecord]) -> tuple[list[subspace.Stretch], 
     return found, tuple(np.concatenate([*means, *sizes]).tolist())
 
 
-def _acting(stretch: subspace.Stretch, dead: Sequence[int]) -> subspace.Stretch:
-    """The inputs that act at each sample, from that on at which the record has all of them, and the outputs there."""
-    inputs, outputs = stretch
-    longest = max(dead, default=0)
-    if not longest:
-        return stretch
-    columns = [column[longest - late : len(column) - late] for column, late in zip(inputs.T, dead, strict=True)]
-    return np.ascontiguousarray(np.stack(columns, axis=1)), outputs[longest:]
+def _with_dead_time(
+    stretches: list[subspace.Stretch], settings: StateSpaceSettings, known: int, tell: Progress
+) -> tuple[list[subspace.Stretch], Selection, tuple[int, ...]]:
+    """Stretches with the inputs that act, the choice of the order, and the inputs' dead times, if they are taken."""
+    selection = _selected(stretches, settings, known, tell)
+    if any(settings.dead):
+        late = [acting(item, settings.dead) for item in stretches]
+        waiting = _selected(late, settings, known, tell)
+        if waiting.error <= selection.error and waiting.order <= selection.order:
+            return late, waiting, settings.dead
+    return stretches, selection, ()
 
 
 def _selected(
@@ -195,39 +195,9 @@ def _start(stretches: Sequence[subspace.Stretch], selection: Selection) -> subsp
     return min(models, key=lambda model: _mean_square(model, stretches))
 
 
-def _calm(level: Array, mean_square: float, inputs: int) -> subspace.Stretch:
-    """A little noise of the inputs, over which outputs rest at a level (outputs,).
-
-    It adds sigma^2 |h|^2 / ANSWER^2 to the squared errors, with h the impulse responses and sigma^2 the mean squared
-    error: the prior h ~ N(0, ANSWER^2), which keeps small what the records do not excite, such as modes that answer to
-    jumps alone (training with noise: Bishop 1995, Neural Computation 7(1)).
-    """
-    noise = np.random.default_rng(0).normal(size=(CALM, inputs))
-    return np.sqrt(mean_square / CALM) / ANSWER * noise, np.tile(level, (CALM, 1))
-
-
 def _mean_square(model: subspace.Matrices, stretches: Sequence[subspace.Stretch]) -> float:
     """Mean squared error of a model's simulations."""
     return float(np.mean(np.concatenate([subspace.residuals(model, *item).ravel() for item in stretches]) ** 2))
-
-
-def fitted_again(system: StateSpace, records: Sequence[subspace.Stretch], iterations: int) -> StateSpace:
-    """A model after some more iterations, of a fit to other stretches of its inputs and outputs; the model itself where
-    it is stable and they would end it unstable, as few samples take a slow drift for a pole.
-    """
-    p, m = len(system.outputs), len(system.inputs)
-    sizes = Sizes(states=system.order, inputs=m, outputs=p, units=system.units, power=system.power)
-    means, scales = np.split(np.array(system.scales), 2)
-    scaled = [((u - means[p:]) / scales[p:], (y - means[:p]) / scales[:p]) for u, y in records]
-    stretches = [_acting(item, system.dead) for item in scaled]
-    weights, firsts = unit_states(system.weights, sizes, stretches, None)
-    level = weights[sizes.readout_at :].reshape(p, sizes.wide)[:, -1]
-    given: dict[str, Any] = {"through": bool(np.any(system.matrices()[3])), "ridge": StateSpaceSettings.ridge}
-    met = refine(weights, sizes, stretches, **given, iterations=1, firsts=firsts).mean_square
-    calm = _calm(level, met, m)
-    found = refine(weights, sizes, [*stretches, calm], **given, iterations=iterations)
-    other = system.with_weights(found.weights)
-    return other if other.radius <= max(1.0, system.radius) else system
 
 
 def _refined(

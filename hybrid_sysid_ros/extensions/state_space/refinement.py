@@ -25,6 +25,14 @@ FLAT = 1e-9
 """Least sensitivity to a weight in its scaling, relative to the largest one: a column may be zero."""
 PATIENCE = 8
 """Steps in a row that may fail to make the error smaller."""
+ANSWER = 0.1
+"""Prior deviation of what an output moves, in its deviation, after an input that moves by its own for one sample: a
+record has tens of samples in the time in which a system answers.
+"""
+CALM = 500
+"""Samples over which a model is asked to rest."""
+RIDGE = 1e-8
+"""Usual weight of the squared weights of units."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -266,3 +274,24 @@ def _rescaled(weights: Array, sizes: Sizes, starts: Array, stretches: Sequence[S
     units[:, : sizes.wide] /= factor
     units[:, sizes.wide :] *= factor**sizes.power
     return changed
+
+
+def acting(stretch: Stretch, dead: Sequence[int]) -> Stretch:
+    """The inputs that act at each sample, from that on at which the record has all of them, and the outputs there."""
+    inputs, outputs = stretch
+    longest = max(dead, default=0)
+    if not longest:
+        return stretch
+    columns = [column[longest - late : len(column) - late] for column, late in zip(inputs.T, dead, strict=True)]
+    return np.ascontiguousarray(np.stack(columns, axis=1)), outputs[longest:]
+
+
+def calm(level: Array, mean_square: float, inputs: int) -> Stretch:
+    """A little noise of the inputs, over which outputs rest at a level (outputs,).
+
+    It adds sigma^2 |h|^2 / ANSWER^2 to the squared errors, with h the impulse responses and sigma^2 the mean squared
+    error: the prior h ~ N(0, ANSWER^2), which keeps small what the records do not excite, such as modes that answer to
+    jumps alone (training with noise: Bishop 1995, Neural Computation 7(1)).
+    """
+    noise = np.random.default_rng(0).normal(size=(CALM, inputs))
+    return np.sqrt(mean_square / CALM) / ANSWER * noise, np.tile(level, (CALM, 1))

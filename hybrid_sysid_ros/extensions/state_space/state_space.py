@@ -13,6 +13,8 @@ from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.extensions.state_space.affine_map import AffineMap
+from hybrid_sysid_ros.extensions.state_space.refinement import RIDGE, acting, calm, refine, unit_states
+from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -135,9 +137,22 @@ class StateSpace(Recurrence):
         return [mean + scale * value for value, mean, scale in pairs]
 
     def fitted_again(self, records: Sequence[tuple[Array, Array]], iterations: int) -> StateSpace:
-        from hybrid_sysid_ros.extensions.state_space.identification import fitted_again
-
-        return fitted_again(self, records, iterations)
+        """This model after some more iterations, of a fit to other stretches of its inputs and outputs; itself where
+        it is stable and they would end it unstable, as few samples take a slow drift for a pole.
+        """
+        p, m = len(self.outputs), len(self.inputs)
+        sizes = Sizes(states=self.order, inputs=m, outputs=p, units=self.units, power=self.power)
+        means, scales = np.split(np.array(self.scales), 2)
+        scaled = [((u - means[p:]) / scales[p:], (y - means[:p]) / scales[:p]) for u, y in records]
+        stretches = [acting(item, self.dead) for item in scaled]
+        weights, firsts = unit_states(self.weights, sizes, stretches, None)
+        level = weights[sizes.readout_at :].reshape(p, sizes.wide)[:, -1]
+        given: dict[str, Any] = {"through": bool(np.any(self.matrices()[3])), "ridge": RIDGE}
+        met = refine(weights, sizes, stretches, **given, iterations=1, firsts=firsts).mean_square
+        rest = calm(level, met, m)
+        found = refine(weights, sizes, [*stretches, rest], **given, iterations=iterations)
+        other = self.with_weights(found.weights)
+        return other if other.radius <= max(1.0, self.radius) else self
 
     def record_map(self) -> RecordMap:
         """No state is measured: all initial values are estimated from a record's first samples."""

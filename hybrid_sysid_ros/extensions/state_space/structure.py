@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.state_space.refinement import RIDGE
 from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
 from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.models.sampling import Sampling
@@ -37,7 +38,7 @@ class StateSpaceStructure(Structure):
         ),
         "units": Option(default=0, low=0, high=64, kind="int", description="Units of a network in the feedback."),
         "power": Option(default=0, low=0, high=7, kind="int", description="Of the units; 0: they are tanh."),
-        "ridge": Option(default=1e-8, low=1e-12, high=1.0, kind="log", description="Keeps the units small."),
+        "ridge": Option(default=RIDGE, low=1e-12, high=1.0, kind="log", description="Keeps the units small."),
         "starts": Option(default=3, low=1, high=20, kind="int", description="Beginnings of the units."),
     }
 
