@@ -107,7 +107,9 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
                 commands.append(_arrival(clause))
                 continue
             if k == 0 and not commands:
-                return Sentence(text=text, commands=(), stops=True)
+                more = any([symbol.value for symbol in other.verbs] != ["halt"] for other in found[1:])
+                why = "a stop ends a command: say the rest when it has stopped" if more else ""
+                return Sentence(text=text, commands=(), stops=True, why=why)
             if k < len(found) - 1:
                 raise UserError("'stop' works at once: let it stand alone, or at the end")
             return Sentence(text=text, commands=tuple(commands), stops=True)

@@ -88,6 +88,8 @@ def test_what_asks_for_no_stop_is_none(text: str) -> None:
         ("go to 2 V and stop in 5 s", "from now, or when the rest is done"),
         ("go to 2 V and stop after 10 s", "from now, or when the rest is done"),
         ("stop when it reaches 100 V", "never reaches 100 V"),
+        ("stop and go to 2 V", "a stop ends a command"),
+        ("stop, stop!", ""),
         ("arrête", ""),
         ("oh dear stop", ""),
     ],
