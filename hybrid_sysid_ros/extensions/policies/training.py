@@ -31,11 +31,11 @@ from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample
 from hybrid_sysid_ros.extensions.shared import parallel
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.extensions.shared.parallel import Store
+from hybrid_sysid_ros.extensions.shared.torch_threads import one_torch_thread
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import StageProgress
-from hybrid_sysid_ros.support.threads import one_torch_thread
 
 VALIDATION_SHARE = 0.1
 """Share of the closed loops, whole ones, that training never sees."""

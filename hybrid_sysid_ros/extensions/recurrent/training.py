@@ -12,12 +12,12 @@ import numpy as np
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent
+from hybrid_sysid_ros.extensions.shared.torch_threads import one_torch_thread
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
-from hybrid_sysid_ros.support.threads import one_torch_thread
 
 
 @dataclass(frozen=True, kw_only=True)
