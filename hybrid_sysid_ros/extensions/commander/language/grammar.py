@@ -163,10 +163,10 @@ def _condition(clause: Clause, vocabulary: Vocabulary) -> Condition:
         return Condition()
     output = meaning.output(reached)
     value, shown = meaning.value(reached, output), vocabulary.outputs[output]
-    low, high = (float(end[output]) / shown.scale for end in vocabulary.rig.travel_of_outputs)
+    low, high = (float(end[output]) / shown.scale for end in vocabulary.rig.reach)
     if not low <= value <= high:
         raise DoubtfulTimeError(
-            f"{shown.name} never reaches {value:.4g} {shown.unit}: it travels from {low:.4g} to {high:.4g} "
-            f"{shown.unit}: give a value within"
+            f"{shown.name} never reaches {value:.4g} {shown.unit}: "
+            f"give a value from {low:.4g} to {high:.4g} {shown.unit}"
         )
     return Condition(output=output, value=value)

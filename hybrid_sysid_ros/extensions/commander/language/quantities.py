@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import NamedTuple
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import SHARES, Lexicon, Symbol
@@ -13,6 +14,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 SMALLEST, LARGEST = 1e-12, 1e12
 """Of a number but 0: beyond lies nothing that a rig reaches, and arithmetic ends."""
+THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}\.\d{3}")
+"""1.500 means 1500 where decimals have a comma."""
 
 
 class Token(NamedTuple):
@@ -80,6 +83,8 @@ class QuantityReader:
     def digits(self, text: str) -> float:
         if "," in text and self.lexicon.table["decimal"] != ",":
             raise UserError("a comma between digits: write decimals with a point, as in 1.5")
+        if self.lexicon.table["decimal"] == "," and THOUSANDS.fullmatch(text):
+            raise UserError(f"{text}: {text.replace('.', ',')} ou {text.replace('.', '')} (which)? diga um dos dois")
         return float(text.replace(",", "."))
 
     def _spelled(self) -> set[tuple[str, ...]]:

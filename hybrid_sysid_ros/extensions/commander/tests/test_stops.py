@@ -99,3 +99,11 @@ def test_a_stop_in_doubt_is_one_at_once_and_says_why(text: str, why: str) -> Non
     assert sentence.is_stop
     assert why in sentence.because
     assert bool(why) == bool(sentence.because)
+
+
+@pytest.mark.parametrize("text", ["stop when the height reaches 33600 m", "when the speed reaches 4600 m/s stop"])
+def test_a_stop_at_a_value_in_all_of_what_counts_from_a_point_is_one_at_once(text: str) -> None:
+    """33 600 m is above the 50 km of `validity` where the vehicle counts from 33 528 m."""
+    sentence = grammar.read(text, Vocabulary.of(rigs.load("winged_cone")))
+    assert sentence.is_stop
+    assert "never reaches" in sentence.because
