@@ -104,6 +104,9 @@ def refine(
     ridge: weight of the squared weights of the hidden layer, relative to the sum of squares. It ends where a step gains
     less than ``tolerance`` of the error three times in a row. Raises UserError where the first simulation diverges.
 
+    A hidden layer is bounded. So where the linear part is stable, states are bounded whatever comes; where it is not,
+    they run away from where the layer saturates, which the records may not show. No step makes a stable one unstable.
+
     The tangent-linear model gives the derivatives; the first states are eliminated from the normal equations.
     """
     free = free_weights(weights, sizes, through=through)
@@ -112,6 +115,7 @@ def refine(
     total = sum(outputs.size for _, outputs in stretches)
     held = ridge * total * ((free >= sizes.units_at) & (free < sizes.readout_at)).astype(np.float64)
     weights, damping, failed, slow, evaluations = _rescaled(weights, sizes, starts, stretches), 1e-3, 0, 0, 1
+    widest = max(1.0, linear_radius(weights, sizes)) if sizes.units else np.inf
     cost, system = _normal(weights, sizes, stretches, starts, free, roles)
     if not np.isfinite(cost):
         raise UserError("state space: the model that it begins with diverges; take another order")
@@ -125,7 +129,7 @@ def refine(
         with np.errstate(over="ignore", invalid="ignore"):
             found += float(held @ trial[free] ** 2)
         evaluations += 1
-        if not found < cost:
+        if not (found < cost and linear_radius(trial, sizes) <= widest):
             damping, failed = damping * 8.0, failed + 1
             if failed > PATIENCE:
                 break
@@ -139,6 +143,12 @@ def refine(
             break
     square = (cost - float(held @ weights[free] ** 2)) / total
     return Refined(weights=weights, firsts=starts, mean_square=square, evaluations=evaluations)
+
+
+def linear_radius(weights: Array, sizes: Sizes) -> float:
+    """Magnitude of the largest pole of the linear part."""
+    state = weights[: sizes.units_at].reshape(sizes.states, sizes.wide)
+    return float(np.abs(np.linalg.eigvals(state[:, : sizes.states])).max())
 
 
 def simulated(weights: Array, sizes: Sizes, inputs: Array, first: Array) -> Array:

@@ -259,6 +259,20 @@ def test_units_in_the_feedback_learn_a_spring_that_hardens():
     assert errors[1] < 1e-3
 
 
+def test_units_do_not_hold_what_runs_away_where_they_saturate():
+    """x+ = 1.05 x - .25 tanh x + .3 u is stable where the record is, and leaves it for ever beyond 5."""
+    inputs = np.random.default_rng(0).normal(size=(800, 1))
+    x = np.zeros((801, 1))
+    for k in range(800):
+        x[k + 1] = 1.05 * x[k] - 0.25 * np.tanh(x[k]) + 0.3 * inputs[k]
+    assert np.abs(x).max() < 3.0
+    record = prepared(np.vstack([inputs, [[0.0]]]), x)
+    settings = StateSpaceSettings(order=1, units=1, through=False)
+    found = identify_state_space([record], (Variable(name="y", unit=""),), (Variable(name="u", unit=""),), settings)
+    assert found.relative_error < 0.2
+    assert found.system.radius <= 1.0
+
+
 def test_beginnings_of_units_are_compared_by_free_runs_from_the_first_samples():
     """A model over its own run misses nothing, whatever state the run begins in; one whose input turned round does."""
     system, random = state_space(), np.random.default_rng(0)
