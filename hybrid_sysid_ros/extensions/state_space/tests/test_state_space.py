@@ -23,6 +23,7 @@ from hybrid_sysid_ros.extensions.state_space.identification import (
 from hybrid_sysid_ros.extensions.state_space.order_selection import comparable, select_order
 from hybrid_sysid_ros.extensions.state_space.periods import period_of, spectrum_of
 from hybrid_sysid_ros.extensions.state_space.refinement import _roles, free_weights, simulated, unit_states
+from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
 from hybrid_sysid_ros.extensions.state_space.subspace import (
     completed,
     in_frequency,
@@ -270,6 +271,7 @@ def test_units_do_not_hold_what_runs_away_where_they_saturate():
     settings = StateSpaceSettings(order=1, units=1, through=False)
     found = identify_state_space([record], (Variable(name="y", unit=""),), (Variable(name="u", unit=""),), settings)
     assert found.relative_error < 0.2
+    assert isinstance(found.system, StateSpace)
     assert found.system.radius <= 1.0
 
 
