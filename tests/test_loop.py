@@ -120,7 +120,7 @@ def test_delays_are_those_of_the_commands(tmp_path):
     assert found.p50 == pytest.approx(1e-9 * np.percentile(delay[BEFORE:], 50))
     assert found.p99 == pytest.approx(1e-9 * np.percentile(delay[BEFORE:], 99))
     assert found.max == pytest.approx(1e-9 * np.max(delay[BEFORE:]))
-    assert not loop.late[loop.within(0.0, np.inf)].any()
+    assert loop.missed_commands() == 0
 
 
 def test_a_command_is_missed_if_the_next_measurement_is_there_first(tmp_path):
@@ -131,6 +131,8 @@ def test_a_command_is_missed_if_the_next_measurement_is_there_first(tmp_path):
     answered = np.delete(np.arange(SAMPLES), [200, SAMPLES - 1])  # the last one has no next measurement
     loop = LoopRecord.from_bag(write(tmp_path / "run", delay=delay, answered=answered), RIG)
     np.testing.assert_array_equal(np.flatnonzero(loop.late), [3, 50, 200])
+    assert loop.missed_commands() == 2
+    assert loop.missed_commands(-1.0) == 3
     assert np.isnan(loop.delay[200])
     assert np.isnan(loop.command[200])
 
@@ -141,7 +143,7 @@ def test_in_simulated_time_only_the_turnaround_means_something(tmp_path):
     assert not loop.is_real_time
     assert np.isnan(loop.delays().p99)
     assert loop.turnarounds().p50 == pytest.approx(1.3e-3)
-    assert not loop.late[loop.within(0.0, np.inf)].any()
+    assert loop.missed_commands() == 0
 
 
 def test_in_simulated_time_a_command_is_missed_only_if_none_came(tmp_path):

@@ -92,7 +92,7 @@ def test_tables_and_lines_fold_to_a_terminal_and_nothing_is_cut(monkeypatch):
     written = io.StringIO()
     screen = Console(file=written, force_terminal=True, width=80, color_system=None, **terminal.PLAIN)
     monkeypatch.setattr(terminal, "console", screen)
-    monkeypatch.setattr(terminal, "Console", lambda **_: screen)
+    monkeypatch.setattr(terminal, "PipedConsole", lambda **_: screen)
     name = "/a_namespace/" + 80 * "x"
     table = Table("name", "words", title="folded")
     table.add_row(name, 40 * "word ")

@@ -133,6 +133,10 @@ class LoopRecord:
             )
         return float(np.sqrt(np.mean(self.rig.display[chosen].shown(error) ** 2)))
 
+    def missed_commands(self, start: float = 0.0, stop: float = np.inf) -> int:
+        """Measurements from `start` to `stop` [s] that were not answered before the next one was logged."""
+        return int(np.sum(self.late[self.within(start, stop)]))
+
     def delays(self, start: float = 0.0, stop: float = np.inf) -> Delays:
         """Percentiles of the delay from `start` to `stop` [s]."""
         return Delays.of(self.delay[self.within(start, stop)])

@@ -15,7 +15,6 @@ from hybrid_sysid_ros.extensions.state_space import subspace
 from hybrid_sysid_ros.extensions.state_space.order_selection import Selection, comparable, rows_for, select_order
 from hybrid_sysid_ros.extensions.state_space.periods import spectrum_of
 from hybrid_sysid_ros.extensions.state_space.refinement import (
-    RIDGE,
     Refined,
     acting,
     calm,
@@ -24,7 +23,7 @@ from hybrid_sysid_ros.extensions.state_space.refinement import (
     weights_of,
     without_last,
 )
-from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
+from hybrid_sysid_ros.extensions.state_space.state_space import RIDGE, StateSpace
 from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord

@@ -31,8 +31,6 @@ record has tens of samples in the time in which a system answers.
 """
 CALM = 500
 """Samples over which a model is asked to rest."""
-RIDGE = 1e-8
-"""Usual weight of the squared weights of units."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,10 +13,11 @@ from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.extensions.state_space.affine_map import AffineMap
-from hybrid_sysid_ros.extensions.state_space.refinement import RIDGE, acting, calm, refine, unit_states
-from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+
+RIDGE = 1e-8
+"""Usual weight of the squared weights of units."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +141,10 @@ class StateSpace(Recurrence):
         """This model after some more iterations, of a fit to other stretches of its inputs and outputs; itself where
         it is stable and they would end it unstable, as few samples take a slow drift for a pole.
         """
+        # Here, since a model that is only loaded needs nothing that fits.
+        from hybrid_sysid_ros.extensions.state_space.refinement import acting, calm, refine, unit_states
+        from hybrid_sysid_ros.extensions.state_space.tangents import Sizes
+
         p, m = len(self.outputs), len(self.inputs)
         sizes = Sizes(states=self.order, inputs=m, outputs=p, units=self.units, power=self.power)
         means, scales = np.split(np.array(self.scales), 2)

@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.extensions.state_space.refinement import RIDGE
-from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
+from hybrid_sysid_ros.extensions.state_space.state_space import RIDGE, StateSpace
 from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structure import FitContext, Option, Structure
