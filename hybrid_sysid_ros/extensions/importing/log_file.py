@@ -21,14 +21,14 @@ LARGEST = 1 << 28
 MOST_COLUMNS = 20_000
 """Most columns of a file."""
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[^\W\d_][^\W\dA-Z_]*|\d+")
-_SI = {prefix + symbol for prefix in ("", *PREFIXES) for symbol in SYMBOLS if len(prefix + symbol) > 1}
+_SI = {prefix + symbol for prefix in ("", *PREFIXES) for symbol in {*SYMBOLS} - {"1"} if len(prefix + symbol) > 1}
 UNITS = frozenset(
     _SI - {"nm"} | {"deg", "rpm", "RPM", "Nm", "Nmm", "sec", "bar", "mbar", "kmh", "kph", "mph", "%", "°"}
 )
 """Units that may end a name; nm may be the torque's."""
 _END = re.compile(r"(?P<front>.*?[^\s_/])(?:_|\s*/\s*|\s+)(?P<unit>[^\s_/]+(?:/(?:s|s\^2|s²|min|h))?)$")
-UNITED = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\])]*)[\])]$")
-"""A name with its unit in brackets."""
+UNITED = re.compile(r"(?P<name>.+?)\s*/?\s*[\[(](?P<unit>[^\])]*)[\])]$")
+"""A name with its unit in brackets, "n/(1/min)", too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +141,7 @@ def _parted(name: str) -> tuple[str, str]:
 
 def words_of(name: str) -> list[str]:
     """The words of a name in small letters, without units at its end."""
-    plain = without_unit(re.sub(r"[\[(].*", "", name))
+    plain = without_unit(re.sub(r"\s*/?\s*[\[(].*", "", name))
     return [word.lower() for word in _WORD.findall(plain.rsplit("/", 1)[-1].rsplit(".", 1)[-1])]
 
 
