@@ -51,8 +51,8 @@ OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 AT_FIRST = 10.0
 """Initial deviation of a state or an offset, in units of its drift in one second: as much as it drifts in 100 s."""
-FINEST = 100
-"""Most steps in an interval of a prediction."""
+FINEST, EXACT = 100, 10_000
+"""Most steps in an interval of a prediction, and as many as show what the model itself does."""
 NONE = 1e9
 """A bound of a state that is at least this large counts as no bound."""
 RESUME_SECONDS = 1.0
@@ -209,7 +209,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
 
 def _substeps(values: Mapping[str, Any], rig: Rig, system: System) -> int:
     """Steps in an interval: a whole number of the model's own steps where it has them, else the fewest from `substeps`
-    on in which nothing grows that does not grow in twice FINEST: an explicit step is stable only where it is short
+    on in which nothing grows that does not grow in EXACT ones: an explicit step is stable only where it is short
     beside the fastest mode (Hairer and Wanner 1996, Solving ODEs II, section IV.2). That is asked about zero, and about
     each end of the range of a set-point, of another state of the rig, or of an input.
 
@@ -220,15 +220,15 @@ def _substeps(values: Mapping[str, Any], rig: Rig, system: System) -> int:
     count, n = int(values["substeps"]), len(system.states)
 
     def growth(point: Array, steps: int) -> float:
-        """Logarithm of the largest growth over an interval; NaN where the model has no derivatives."""
+        """Logarithm of the largest growth over an interval; infinite where a step has no derivatives."""
         step = values["period"] / steps
         _, jacobian = step_with_jacobian(system, point[:n], point[n:], step=step, smoothing=values["smoothing"])
         finite = np.isfinite(jacobian).all()
-        return steps * math.log(max(np.abs(np.linalg.eigvals(jacobian[:, :n])).max(), 1e-300)) if finite else math.nan
+        return steps * math.log(max(np.abs(np.linalg.eigvals(jacobian[:, :n])).max(), 1e-300)) if finite else math.inf
 
     for where, point in _range_ends(rig, system):
-        bound = math.log(1.1) + max(growth(point, 2 * FINEST), 0.0)
-        held = next((steps for steps in range(count, FINEST + 1) if not growth(point, steps) > bound), None)
+        bound = math.log(1.1) + max(growth(point, EXACT), 0.0)
+        held = next((steps for steps in range(count, FINEST + 1) if growth(point, steps) <= bound), None)
         if held is None and count <= FINEST:
             raise UserError(
                 f"parameter substeps: about {where} the model's fastest mode is too fast for {FINEST} steps in an "
