@@ -19,7 +19,7 @@ from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, without_unit, words_of
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
 from hybrid_sysid_ros.extensions.importing.time_columns import times_of_column
-from hybrid_sysid_ros.extensions.shared.units import named
+from hybrid_sysid_ros.extensions.shared.units import LARGEST, named
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -113,6 +113,11 @@ def made_rig(
         if not known.any() or np.ptp(values[known]) == 0.0:
             raise UserError(
                 f"{file.path}: {item} holds no number, or always the same; leave it out (--input, --output)"
+            )
+        if (worst := float(np.abs(values[known]).max())) > LARGEST:
+            raise UserError(
+                f"{file.path}: {item} has values that no rig reaches, such as {worst:.3g}; make what marks a missing "
+                "value an empty cell, or name another column"
             )
         unit = units.get(item, column.unit)
         si, factor = _si(unit)

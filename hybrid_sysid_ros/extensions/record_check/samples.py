@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.shared.units import LARGEST
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, wraps_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import counted
@@ -20,8 +21,6 @@ AROUND = 60
 """Lines of a spectrum on either side of the mains that give its floor; a record with fewer periods of the mains shows
 none, since the signal's own power is near.
 """
-LARGEST = 1e12
-"""Beyond which no signal of a rig lies, in any unit of the SI."""
 LONGEST_HOLD = 200
 """Samples over which a signal may be held; a longer level is a step of the experiment."""
 

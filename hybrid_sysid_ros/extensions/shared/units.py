@@ -11,6 +11,8 @@ from hybrid_sysid_ros.rigs.rig import PREFIXES
 
 TIME, FREQUENCY, COUNT, PERCENT = "s", "Hz", "times", "%"
 """Bases that are no output's."""
+LARGEST = 1e12
+"""Beyond which no signal of a rig lies, in any unit of the SI."""
 
 
 class Unit(NamedTuple):

@@ -208,3 +208,14 @@ def test_an_angle_that_wraps_is_unwrapped_by_import_and_by_the_rig(program, tmp_
     assert (status, "(unwrap)" in out + error) == (0, True), error
     found = hs.read_bag("bags/log", hs.load_rig("./turner")).output[:, 0]
     np.testing.assert_allclose(np.degrees(found - found[0]), turned - turned[0], atol=1e-4)
+
+
+def test_a_record_with_an_impossible_value_makes_no_rig(program, tmp_path):
+    """The square of 1e308, which a fit takes, is no number."""
+    path = tmp_path / "a.csv"
+    time, u, y = response(0.01)
+    y[9] = -1e308
+    np.savetxt(path, np.column_stack((time, u, y)), delimiter=",", header="t,u,y", comments="", fmt="%.12g")
+    refused(
+        program("rig", "from", str(path), str(tmp_path / "made")), "y has values that no rig reaches, such as 1e+308"
+    )
