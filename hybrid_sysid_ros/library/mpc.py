@@ -51,8 +51,9 @@ def mpc(
     {"horizon": 10, "output_weight": 4.0, "input_rate": 40.0, "real_time": True}; rates are per second. solver: "exact",
     or "ipopt", the slow reference.
 
-    Give it to :func:`simulate` as controller, or call ``control(state, disturbance, previous_input, preview)``. Raises
-    UserError for a formula that can't be evaluated, a hard bound on states, and values that don't cover the horizon.
+    Give it to :func:`simulate` as controller, or call its ``control(state, disturbance, previous_input, preview)``.
+    Raises UserError for a formula that can't be evaluated, a hard bound on states, and values that don't cover the
+    horizon.
     """
     described = arguments.rig_of(rig)
     given = arguments.mapping_of(parameters, "parameters", '{"horizon": 10}')

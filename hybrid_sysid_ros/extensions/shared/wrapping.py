@@ -10,12 +10,18 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.shared.units import named
 from hybrid_sysid_ros.support.arrays import Array
 
-NEAR, JUMP = 0.05, 0.8
+NEAR, LEAST = 0.05, 0.8
 """By which the span of what wraps differs from a turn at most, in a turn, and least jump."""
-BEFORE = 3
-"""Samples before and after a jump that show which way the angle turns there."""
-SHARE = 0.5
-"""Of jumps that go against the motion around them."""
+AFTER = 3
+"""Samples behind a jump that show whether what jumped goes on that way."""
+LARGE, LARGEST = 0.9, 0.2
+"""Quantile of the steps that are no jumps and not zero, and that quantile at most, in a turn: beyond nothing tells a
+jump from a step.
+"""
+LIKE = 3.0
+"""Ratio of what a jump lacks to a turn to that step, at most: it is the motion in the sample."""
+SHARE, ONWARD = 0.8, 0.7
+"""Least share of the jumps that are less than a turn by a step, and share from which jumps that go on are answers."""
 
 
 def turn_of(unit: str) -> float | None:
@@ -26,16 +32,22 @@ def turn_of(unit: str) -> float | None:
 
 def wraps_of(values: Array, turn: float) -> NDArray[np.intp]:
     """Samples (wraps,) behind which an angle (samples,) wraps; none where it does not."""
-    known = values[np.isfinite(values)]
-    if len(known) < 2 * BEFORE + 3 or abs(float(np.ptp(known)) / turn - 1.0) > NEAR:
-        return np.empty(0, dtype=np.intp)
-    first, _ = _jumps(values, turn)
-    inside = first[(first >= BEFORE) & (first + 2 + BEFORE < len(values))]
-    jump = values[inside + 2] - values[inside]
-    before = values[inside] - values[inside - BEFORE]
-    after = values[inside + 2 + BEFORE] - values[inside + 2]
-    against = (jump * before < 0.0) & (jump * after < 0.0)
-    return first if len(inside) and against.mean() >= SHARE else np.empty(0, dtype=np.intp)
+    none, known = np.empty(0, dtype=np.intp), values[np.isfinite(values)]
+    if len(known) < AFTER + 3 or abs(float(np.ptp(known)) / turn - 1.0) > NEAR:
+        return none
+    first, torn = _jumps(values, turn)
+    inside, last = first[first + 2 + AFTER < len(values)], first + 1 + torn
+    steps = np.abs(np.diff(values))
+    steps = steps[(steps > 0.0) & (steps < LEAST * turn)]
+    large = float(np.quantile(steps, LARGE)) if len(steps) else np.inf
+    if not len(inside) or large > LARGEST * turn:
+        return none
+    jump = values[last] - values[first]
+    lacks = turn - np.abs(jump)
+    onward = values[inside + 2 + AFTER] - values[inside + 2]
+    like_a_step = (lacks > 0.0) & (lacks <= LIKE * large)
+    goes_on = onward * jump[: len(inside)] > 0.0
+    return first if like_a_step.mean() >= SHARE and goes_on.mean() < ONWARD else none
 
 
 def unwrapped(values: Array, turn: float) -> Array:
@@ -53,8 +65,8 @@ def unwrapped(values: Array, turn: float) -> Array:
 def _jumps(values: Array, turn: float) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Last samples before jumps, and which of these take two steps, so that the sample behind is torn."""
     with np.errstate(invalid="ignore"):
-        single = np.abs(np.diff(values)) > JUMP * turn
-        double = np.abs(values[2:] - values[:-2]) > JUMP * turn
+        single = np.abs(np.diff(values)) > LEAST * turn
+        double = np.abs(values[2:] - values[:-2]) > LEAST * turn
     torn = double & ~single[:-1] & ~single[1:]
     torn[1:] &= ~torn[:-1]
     first = np.flatnonzero(single | np.append(torn, False))

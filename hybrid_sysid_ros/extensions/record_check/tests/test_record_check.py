@@ -250,6 +250,19 @@ def test_what_is_a_turn_wide_and_jumps_with_its_motion_does_not_wrap():
     steps = np.repeat([0.0, 2 * np.pi, 0.0, 2 * np.pi], 100)
     assert len(wraps_of(steps, 2.0 * np.pi)) == 0
     assert len(wraps_of(np.pi * np.sin(np.linspace(0, 20, 2000)), 2.0 * np.pi)) == 0
+    random = np.random.default_rng(0)
+    assert len(wraps_of(random.uniform(0.0, 360.0, 3000), 360.0)) == 0
+    held = np.repeat(random.uniform(0.0, 360.0, 150), 20)
+    assert len(wraps_of(held, 360.0)) == 0
+    assert len(wraps_of(lfilter([0.9], [1.0, -0.1], np.where(held > 180.0, 360.0, 0.0)), 360.0)) == 0
+
+
+@pytest.mark.parametrize("whole", [np.minimum(np.arange(2000) / 160.0, np.pi), 2.0 * np.arange(2000) / 100.0])
+def test_an_angle_that_is_noisy_or_stays_where_it_wraps_does_wrap(whole):
+    noisy = whole + 0.05 * np.random.default_rng(0).normal(size=len(whole))
+    wrapped = (noisy + np.pi) % (2.0 * np.pi) - np.pi
+    assert len(wraps_of(wrapped, 2.0 * np.pi)) == int(np.count_nonzero(np.diff((noisy + np.pi) // (2.0 * np.pi))))
+    np.testing.assert_allclose(unwrapped(wrapped, 2.0 * np.pi), noisy, atol=1e-9)
     assert turn_of("V") is None
     assert turn_of("deg/s") is None
 
