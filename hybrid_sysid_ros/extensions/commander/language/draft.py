@@ -130,6 +130,11 @@ class Draft:
         value = goal.value * here if goal.share else goal.value + (here if goal.relative else 0.0)
         of_speed = self.vocabulary.units_of(goal.output)[1].per > 0
         from_rest = of_speed and output.name not in self.vocabulary.rig.system.operating_point
+        if goal.share and of_speed and not from_rest:
+            raise UserError(
+                f"{output.name} is counted from the rig's operating point: {with_unit(here, output)} is no speed to "
+                f"take a share of: say by how much, as 'raise {output.name} by' and a number with its unit"
+            )
         if from_rest and goal.relative and goal.toward < 0.0 and value < 0.0 <= here:
             less = with_unit(abs(goal.value), output)
             raise UserError(

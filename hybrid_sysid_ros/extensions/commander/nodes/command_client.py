@@ -116,7 +116,7 @@ class CommandClient(CommandInterface):
     def say(self, text: str) -> Reply:
         if (said := stop_in(text)) and not self._setter.service_is_ready():
             answer = self._ask(self._stoppers[said], Trigger.Request())
-            line = f"stopped: {answer.message or 'the inputs go to rest'} (no commander is there)"
+            line = f"stopped: {answer.message or 'the inputs go to rest'} (no commander answered)"
             return Reply(text=text, accepted=bool(answer.success), line=line)
         replies: Queue[DiagnosticStatus] = Queue()
         self._waiting.append(replies)

@@ -176,3 +176,12 @@ def test_a_portuguese_a_says_how_fast_where_a_rate_follows() -> None:
 def test_repeat_before_a_colon_is_asked_about() -> None:
     with pytest.raises(UserError, match="repeat what follows, or what was carried out before"):
         plan("repeat: go to 1 V, go to -1 V")
+
+
+@pytest.mark.parametrize("text", ["double the speed", "go to speed -10 m/s then double the speed"])
+def test_a_share_of_a_speed_that_counts_from_elsewhere_is_refused(text: str) -> None:
+    """Twice -10 m/s is slower, and of 0 nothing."""
+    cone = Vocabulary.of(rigs.load("winged_cone"))
+    sentence = grammar.read(text, cone, Files())
+    with pytest.raises(UserError, match="say by how much"):
+        plan_of(sentence.commands, np.zeros(2), cone, Ability(speed=np.full(2, 1e6), acceleration=np.full(2, 1e6)))
