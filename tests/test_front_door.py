@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -129,6 +130,24 @@ def test_a_model_scores_as_the_command_does(things: SimpleNamespace) -> None:
     assert things.model.score(record, part=(0.5, 1.0)).rmse == pytest.approx(
         float(np.sqrt(np.mean((run.measured - run.outputs) ** 2)))
     )
+
+
+def test_an_evaluation_says_what_the_command_says(
+    things: SimpleNamespace, command: Callable[..., tuple[int, str, str]]
+) -> None:
+    bag = str(BAGS / "beam_swept_sine")
+    found = things.model.evaluate(hs.read_bag(bag, "cam_beam"))
+    _, printed, _ = command("evaluate", TRAINED / "cam_beam" / "model", bag, "--json")
+    said = json.loads(printed)["records"]["beam_swept_sine"]
+    assert said["r2"] == pytest.approx(found.scores["r2"])
+    assert said["judgement"] == found.judgement
+    assert said["closed_loop"]["r2"] == pytest.approx(found.loop["r2"])
+    assert said["trained_range"]["sentence"] in str(found)
+    flight = hs.load_model(TRAINED / "winged_cone" / "model").evaluate(
+        hs.read_bag(BAGS / "winged_cone_flight", "winged_cone"), part=(0.75, 1.0)
+    )
+    assert "meaningless for an unstable system" in str(flight)
+    assert not flight.scores
 
 
 def test_an_unstable_rigs_model_is_scored_under_its_stabiliser() -> None:

@@ -10,7 +10,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.validation.resimulation import resimulate, resimulations
+from hybrid_sysid_ros.identification.validation.resimulation import resimulate
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
@@ -122,18 +122,12 @@ def without(record, name):
     return dataclasses.replace(record, channels={k: v for k, v in record.channels.items() if k != name})
 
 
-def test_records_without_a_reference_are_skipped_with_the_reason(loop):
+def test_records_without_a_whole_reference_are_refused(loop):
     unknown = np.where(np.arange(loop.samples) == 7, np.nan, loop.channels["reference"])
-    records = {
-        "good": loop,
-        "none": without(loop, "reference"),
-        "hole": dataclasses.replace(loop, channels={"reference": unknown}),
-    }
-    named = [(dataclasses.replace(record, name=name), Part()) for name, record in records.items()]
-    done, skipped = resimulations(RIG.system, named, RIG, sampling=EXACT)
-    assert list(done) == ["good"]
-    assert "no channel reference" in skipped["none"]
-    assert "unknown at sample 7" in skipped["hole"]
+    hole = dataclasses.replace(loop, channels={"reference": unknown})
+    for record, reason in ((without(loop, "reference"), "no channel reference"), (hole, "unknown at sample 7")):
+        with pytest.raises(UserError, match=reason):
+            resimulate(RIG.system, record, RIG, sampling=EXACT)
 
 
 @dataclasses.dataclass(frozen=True)

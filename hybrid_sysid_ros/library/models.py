@@ -16,6 +16,7 @@ from hybrid_sysid_ros.identification import identify as identified
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.bands import bands_of
+from hybrid_sysid_ros.identification.validation.evaluation import ModelEvaluation, evaluation
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
@@ -66,6 +67,14 @@ class Model(models.Model):
         found = self.free_run(record, part=part)
         names, warm_up = [item.name for item in self.system.outputs], self.sampling.warm_up
         return Scores.of(names, found.measured[warm_up:], found.outputs[warm_up:])
+
+    def evaluate(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> ModelEvaluation:
+        """Judge the model on a part of a record, as ``hybrid-sysid evaluate`` does: the score of its free run with a
+        verdict, whether the use was trained, what its bands hold, and the closed loop done again. Raises UserError as
+        :meth:`score` does, but scores an unstable system by predictions if its rig declares a stabiliser.
+        """
+        rig = rigs.load(self.rig)
+        return evaluation(self, arguments.record_of(record, rig), rig, part=arguments.part_of(part))
 
     def free_run(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> FreeRun:
         """Simulate a part of a record from one initial state. Raises UserError as :meth:`score` does."""

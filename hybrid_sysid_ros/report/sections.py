@@ -18,7 +18,7 @@ from hybrid_sysid_ros.identification.validation import residual_tests
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
-from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulations
+from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulate
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals, compare_stages
 from hybrid_sysid_ros.identification.validation.unstable import stabilised_run
 from hybrid_sysid_ros.models import Model
@@ -26,6 +26,7 @@ from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 TESTS = {
     "phi_ee": "e · e",
@@ -157,7 +158,12 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
     residuals, scored = experiment.outputs - whole, experiment.scored
     inputs = experiment.inputs.reshape(-1, sampling.every, len(system.inputs)).mean(axis=1)
     stride = round(sampling.period / used.sampling_time)
-    again, skipped = resimulations(system, [(record, part)], rig, sampling=sampling)
+    again: Resimulation | None = None
+    skipped = ""
+    try:
+        again = resimulate(system, record, rig, sampling=sampling, part=part)
+    except UserError as error:
+        skipped = str(error)
     names = [item.name for item in system.inputs]
     bands = bands_of(model, experiment) if stabiliser is None else []
     found = []
@@ -182,8 +188,8 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
                 residuals=residuals[:, k],
                 tests=_tests(residuals[:-1, k], inputs, names, None if reference is None else reference[::stride]),
                 horizons=replace(k_step_errors(system, experiment, output=k, run=run), name=name),
-                again=again.get(record.name) if k == 0 else None,
-                skipped=skipped.get(record.name, ""),
+                again=again if k == 0 else None,
+                skipped=skipped,
                 bands={band.level: band.half[:, k] for band in bands},
                 kind=FREE if stabiliser is None else HELD,
             )

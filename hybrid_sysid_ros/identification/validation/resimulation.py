@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -115,23 +114,6 @@ def resimulate(
         applied,
     )
     return _compared(used.name, experiment, outputs[:: grid.every], applied)
-
-
-def resimulations(
-    system: System, records: Iterable[tuple[Record, Part]], rig: Rig, *, sampling: Sampling
-) -> tuple[dict[str, Resimulation], dict[str, str]]:
-    """Re-simulate those records that allow it: the results, and for the others the reasons, by the records' names.
-
-    The reasons are the errors that :func:`resimulate` raises; none is raised here.
-    """
-    done: dict[str, Resimulation] = {}
-    skipped: dict[str, str] = {}
-    for record, part in records:
-        try:
-            done[record.name] = resimulate(system, record, rig, sampling=sampling, part=part)
-        except UserError as error:
-            skipped[record.name] = str(error)
-    return done, skipped
 
 
 def _reference(record: Record, rig: Rig, ticks: int) -> Array:

@@ -60,6 +60,11 @@ class PredictionErrors:
     scores: Scores
     """Scores of the outputs at the horizon; R2 uses the variance of the record's output."""
 
+    @property
+    def content(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"seconds": self.seconds, "closed": self.closed, "beginnings": self.count, **self.scores.content}
+
 
 def predictions(
     system: System,
