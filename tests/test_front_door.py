@@ -121,6 +121,14 @@ def test_a_model_prints_as_a_table_without_arrays(things: SimpleNamespace) -> No
     assert "rad/(s^2 V)" in str(things.model)
 
 
+def test_times_of_a_logger_in_single_precision_are_uniform() -> None:
+    time, wave = np.arange(4800) * 0.005, np.sin(np.arange(4800) * 0.01)
+    given = {"inputs": wave, "outputs": wave * 0.1, "rig": "cam_beam"}
+    single = hs.record(time=time.astype(np.float32), **given)
+    np.testing.assert_allclose(single.time, time, rtol=1e-6)
+    assert hs.record(time=time[:2], **{**given, "inputs": wave[:2], "outputs": wave[:2] * 0.1}).samples == 2
+
+
 def test_a_model_scores_as_the_command_does(things: SimpleNamespace) -> None:
     record = hs.read_bag(BAGS / "beam_swept_sine", "cam_beam")
     assert things.model.score(record) == evaluate(models.load(TRAINED / "cam_beam" / "model"), record)

@@ -257,16 +257,20 @@ def array_of(value: object, argument: str, remedy: str = "give finite numbers") 
         found = np.asarray(value)
     except ValueError as error:
         raise UserError(f"{argument} is {shown(value)}, whose rows differ in length; give an array") from error
+    if found.dtype.kind == "M":
+        raise UserError(f"{argument} is dates; give seconds: (t - t[0]) / numpy.timedelta64(1, 's')")
     if found.dtype.kind not in "iuf":
-        raise UserError(f"{argument} is {shown(value)} of dtype {found.dtype.name}; give real numbers, float or int")
+        kind = "text" if found.dtype.kind in "US" else f"dtype {found.dtype.name}"
+        raise UserError(f"{argument} is {shown(value)} of {kind}; give real numbers, float or int")
     if np.ma.is_masked(value):
         raise UserError(f"{argument} has masked values; {remedy}")
     found = found.astype(float)
     if not np.isfinite(found).all():
         wrong = ~np.isfinite(found)
         first = tuple(np.argwhere(wrong)[0].tolist())
+        place = f" at {list(first)}" if first else ""
         raise UserError(
-            f"{argument} is {found[first]} at {list(first)}, one of {np.count_nonzero(wrong)} values that are not "
+            f"{argument} is {found[first]}{place}, one of {np.count_nonzero(wrong)} values that are not "
             f"finite; {remedy}"
         )
     return found

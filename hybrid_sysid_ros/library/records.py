@@ -142,7 +142,14 @@ def _times(value: ArrayLike) -> Array:
     step = (times[-1] - times[0]) / (len(times) - 1)
     uniform = np.arange(len(times)) * step
     away = np.abs(times - times[0] - uniform)
-    rounding = 4.0 * np.spacing(np.abs(times).max())  # rounding of stamps since 1970
+    kind = np.asarray(value).dtype
+    spacing = float(np.spacing(np.abs(times).max().astype(kind if kind.kind == "f" else np.float64)))
+    rounding = 4.0 * spacing  # of stamps since 1970, or of single precision
+    if spacing > 0.1 * step >= 0.0:
+        raise UserError(
+            f"time has the precision {kind.name}, which tells values near {times[0]:.9g} s apart by {spacing:.3g} s "
+            "only; give it in double precision (float64), or let it begin at 0"
+        )
     if not step > 0.0:
         raise UserError(
             f"time runs from {times[0]:.9g} s to {times[-1]:.9g} s, backwards; sort the samples by their time"

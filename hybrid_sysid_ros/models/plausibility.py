@@ -15,7 +15,7 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.models.model import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, counted
 
 PASSED = 0.5
 """Share of an actuator's span by which a measured input may exceed it, by noise or by a limit that is not exact."""
@@ -79,7 +79,7 @@ def check_travel(record: Record, rig: Rig) -> None:
 def spikes(record: Record, rig: Rig, signals: Signals | None = None) -> list[str]:
     """Lines on outputs with spikes: samples that differ from their neighbours by as much as the rest of the record."""
     found = []
-    for channel in _outputs(record, rig, signals):
+    for channel in _outputs(record, rig, signals) if record.samples >= AROUND else ():
         around = median_filter(channel.values, AROUND, mode="reflect")
         usual = np.percentile(channel.values, MIDDLE)
         low, high = min(around.min(), usual[0]), max(around.max(), usual[1])
@@ -88,7 +88,7 @@ def spikes(record: Record, rig: Rig, signals: Signals | None = None) -> list[str
         if high > low and len(beyond):
             worst = _farthest(channel.values, beyond)
             found.append(
-                f"{channel.what}: output {channel.variable.name} has {label(away)[1]} spikes, the first at "
+                f"{channel.what}: output {channel.variable.name} has {counted(label(away)[1], 'spike')}, the first at "
                 f"{channel.at(int(beyond[0]))}, the farthest to {channel.values[worst]:.6g} {channel.variable.unit} at "
                 f"{channel.at(worst)}, where all else is within {low:.4g} and {high:.4g}: repair the driver or the "
                 "sensor, or leave those parts out (--part)"
