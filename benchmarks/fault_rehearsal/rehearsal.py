@@ -72,7 +72,8 @@ class Rehearsal:
         found["during"] = float(np.max(during / self.tolerance))
         found["error"] = float(np.max(self._rms(errors, begin + LASTING + AFTER) / self.tolerance))
         found["kept"] = min(found["restrained"], LASTING + AFTER) <= found["left"]
-        found["short"] = not found["kept"] or not found["error"] <= 1.0
+        found["unnamed"] = self._is_out(plant) and loop.level.word not in RESTRAINED
+        found["short"] = not found["kept"] or found["unnamed"] or not found["error"] <= 1.0
         return found
 
     def _rms(self, errors: list[Array], begin: float) -> Array:
@@ -113,6 +114,7 @@ class Rehearsal:
             yield moment.since, plant, error
 
     def _is_out(self, plant: Plant) -> bool:
+        """At a stop, too: the simulated rig does not leave its travel."""
         outputs = plant.outputs()
         bounds = [self.rig.travel, *([] if self.rig.validity is None else [self.rig.validity])]
-        return any(not low[s] <= outputs[k] <= high[s] for low, high in bounds for k, s in self._at)
+        return any(not low[s] < outputs[k] < high[s] for low, high in bounds for k, s in self._at)

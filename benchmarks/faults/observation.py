@@ -44,6 +44,8 @@ MOVING: Mapping[str, Mapping[str, Any]] = {
     "flexible_joint": {"kind": "sine", "amplitude": [0.0, 30.0], "frequency": 0.5},
     "winged_cone": {"kind": "sine", "amplitude": [5.0, 0.0, 50.0, 0.0, 0.0], "frequency": 0.02},
     "drill_string": {"kind": "sine", "amplitude": [5.0, 0.0], "frequency": 0.1},
+    "wheel_motor": {"kind": "sine", "amplitude": [150.0], "frequency": 0.5},
+    "balancing_robot": {"kind": "sine", "amplitude": [0.3, 0.0, 0.0, 0.0, 0.0], "frequency": 0.2},
 }
 """A reference of each rig that never rests, as parameters of the node."""
 

@@ -15,9 +15,6 @@ FAR = 3.0
 """Multiple of a sensor's noise in the rig's file from which on an assumed one may be far too large. Else innovations
 that are small are no reason to doubt: a simulated sensor may have no noise at all, and an encoder has none at rest."""
 
-ALONE = 2.0
-"""Time [s] for which the model goes on alone where a rig can't rest."""
-
 
 def _reversible(rig: Rig) -> list[float]:
     """Inputs of a stabiliser: a rig that has none can rest, and a sensor with the wrong sign looks the same there."""
@@ -42,7 +39,7 @@ def estimator_of(
         ],
         leave_after=settings["leave_out_after"],
         timeout=settings["sensor_timeout"],
-        alone=ALONE if any(_reversible(rig)) else 0.0,
+        alone=settings["dead_reckoning"] if any(_reversible(rig)) else 0.0,
         frozen_after=settings["frozen_after"],
         white_noise=[abs(sensor.scale) * sensor.white_noise * sensor.noisy for sensor in rig.sensors],
         doubt_disturbance=settings["doubt_disturbance"],

@@ -31,7 +31,8 @@ def guard(**changes):
         "act": True, "ladder": LADDER, "slow_share": 0.5, "resume_rate": np.array([2.0]), "tolerance": 0.05,
         "recent": RECENT * STEP, "reach": (np.array([-3.0]), np.array([np.nan])),
         "low": np.array([-10.0]), "high": np.array([10.0]), "rate": np.array([np.inf]),
-        "state_low": np.array([-1.0, -np.inf]), "state_high": np.array([1.0, np.inf]), **changes,
+        "state_low": np.array([-1.0, -np.inf]), "state_high": np.array([1.0, np.inf]),
+        "stops": np.zeros(2), **changes,
     }  # fmt: skip
     return Guard(GuardSettings(**given))
 
@@ -144,9 +145,9 @@ def test_an_actuator_is_held_against_the_recent_commands():
     levels = judge(found, 60, applied=np.array([0.0]))
     assert levels[-1] is LoopState.RESTING
     assert "actuator" in found.reason
-    assert not found.trusts_actuators
+    assert not found.may_stabilise
     judge(found, 60)
-    assert found.trusts_actuators
+    assert found.may_stabilise
 
 
 @pytest.mark.parametrize("step", [0.001, 0.002, 0.01, 0.02])
@@ -255,7 +256,7 @@ def test_a_stabiliser_goes_on_with_all_actuators_but_one_that_does_the_opposite(
         found.commanded(command)
         levels |= {*judge(found, 1, applied=gain * command + offset)}
     assert max(levels) is worst
-    assert found.trusts_actuators is (worst < LoopState.RESTING)
+    assert found.may_stabilise is (worst < LoopState.RESTING)
     assert max(levels) <= found.level
     if worst < LoopState.RESTING:
         assert judge(found, 200, doubt=5.0)[-1] is LoopState.RESTING, "what else is in doubt rests it all the same"
@@ -289,3 +290,24 @@ def test_an_actuator_that_does_not_answer_is_not_trimmed():
         judge(found, 1, applied=np.zeros(1))
         most = max(most, abs(found.memory.inputs[0].trim))
     assert most < 0.1
+
+
+def test_a_rig_that_has_fallen_to_its_stop_is_named_and_not_lifted():
+    """The estimate is then at the end of the travel, beyond which nothing comes."""
+    found = guard(stabilised=True, stops=np.array([1.0, 0.0]))
+    assert judge(found, 100, state=(0.95, 9.0))[-1] is LoopState.DRIVING
+    assert found.may_stabilise
+    levels = judge(found, 100, state=(1.0, 0.0))
+    assert levels[-1] is LoopState.RESTING
+    assert levels.index(LoopState.RESTING) * STEP < 0.5
+    assert "travel" in found.reason
+    assert not found.may_stabilise
+    assert judge(found, 100, state=(0.0, 0.0))[-1] is LoopState.DRIVING, "somebody put it up again"
+    assert found.may_stabilise
+
+
+def test_a_rig_that_has_fallen_is_said_to_have_fallen_whatever_else_is_wrong():
+    found = guard(stabilised=True, stops=np.array([1.0, 0.0]))
+    judge(found, 100, doubt=5.0)
+    judge(found, 100, doubt=5.0, state=(-1.0, 0.0))
+    assert "travel" in found.reason

@@ -56,6 +56,8 @@ class GuardSettings:
     """(n,), the lowest states that the rig's travel and validity allow, minus infinity where nothing is said."""
     state_high: Array
     """(n,)."""
+    stops: Array
+    """(n,), 1 where these are stops at which the rig has fallen, beyond what its stabiliser can lift; 0 elsewhere."""
 
 
 class Guard:
@@ -63,7 +65,8 @@ class Guard:
 
     The evidence: ``doubt`` of the estimator; the distance of the applied inputs from the hull of the recent commands,
     over the tolerance or, squared, over the mean square of the commands; the distance of the state from its range over
-    OUTSIDE of that range. memory: of the kernels of :mod:`~.guarding`, which do all that.
+    OUTSIDE of that range, where a stop counts as two of these beyond. memory: of the kernels of :mod:`~.guarding`,
+    which do all that.
     """
 
     def __init__(self, settings: GuardSettings) -> None:
@@ -77,7 +80,9 @@ class Guard:
         end = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0))
         width = np.where(np.isfinite(high - low), high - low, np.maximum(1.0, np.abs(end)))
         ends = zip(settings.low.tolist(), settings.high.tolist(), settings.rate.tolist(), strict=True)
-        ranges = np.stack([low, high, OUTSIDE * width], axis=1).tolist()
+        outside = OUTSIDE * width
+        room = 2.0 * outside * settings.stops  # so that evidence is 2 at a stop, which nothing passes
+        ranges = np.stack([low + room, high - room, outside, settings.stops], axis=1).tolist()
         outputs = np.stack([settings.resume_rate, *settings.reach], axis=1).tolist()
         inputs = [GuardedInput(a, b, c, settings.tolerance * (b - a), min(max(0.0, a), b)) for a, b, c in ends]
         self.memory = GuardMemory(
@@ -133,16 +138,16 @@ class Guard:
         """Inputs (m,) while the loop rests: ``rest``, or those of the stabiliser below the controller for a state (n,),
         without which an unstable rig diverges.
         """
-        if not isinstance(controller, Cascade) or not np.isfinite(state).all() or not self.trusts_actuators:
+        if not isinstance(controller, Cascade) or not np.isfinite(state).all() or not self.may_stabilise:
             return rest
         inputs = controller.held(state).tolist()
         guarding.put_on_trial(self.memory, inputs)
         return np.array(inputs)
 
     @property
-    def trusts_actuators(self) -> bool:
-        """Whether a stabiliser may act while the loop rests: one whose inputs are not obeyed drives the rig away."""
-        return not guarding.doubts_actuators(self.memory, self.settings.ladder.resting)
+    def may_stabilise(self) -> bool:
+        """See :func:`.guarding.may_stabilise`."""
+        return guarding.may_stabilise(self.memory)
 
     @property
     def level(self) -> LoopState:
@@ -162,7 +167,9 @@ class Guard:
     @property
     def reason(self) -> str:
         """Why the level is what it is, in words."""
-        cause = self.memory.failsafe[0].cause
+        cause, beyond = self.memory.failsafe[0].cause, self.memory.kinds[guarding.RANGE]
+        if beyond.seconds >= self.settings.ladder.resting:
+            cause = guarding.RANGE  # where the rig is counts more than what else is wrong
         if cause == NOTHING:
             return LEFT_OUT if self.memory.core[0].reversed == NONE else REVERSED
         return [*REASONS.values()][cause]

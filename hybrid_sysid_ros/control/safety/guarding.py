@@ -50,7 +50,8 @@ enough to show what it makes of them. A flipped or disconnected one looks right 
 class GuardRecord:
     """A guard's own numbers. act, stabilised, slow_share, recent: see :class:`~.guard.GuardSettings`. share: of half
     their range that inputs have. tried: the same where an actuator is in doubt. row: of the newest command. level: that
-    it allows. reversed: the input that acts with the other sign, NONE: none does.
+    it allows. reversed: the input that acts with the other sign, NONE: none does. fallen: whether a state is at a stop
+    from which no stabiliser lifts the rig.
     """
 
     act: bool
@@ -62,6 +63,7 @@ class GuardRecord:
     row: int = 0
     level: int = 0
     reversed: int = NONE
+    fallen: bool = False
 
 
 @dataclass(slots=True)
@@ -92,11 +94,14 @@ class GuardedInput:
 
 @dataclass(slots=True)
 class StateRange:
-    """The range of a state; outside: by how much it must be beyond that for evidence of 1."""
+    """The range of a state; outside: by how much it must be beyond that for evidence of 1; stops: 1 where its ends are
+    stops, 0 elsewhere.
+    """
 
     low: float
     high: float
     outside: float
+    stops: float
 
 
 class GuardMemory(NamedTuple):
@@ -173,11 +178,23 @@ def doubts_actuators(guard: GuardMemory, after: float) -> bool:
     return guard.kinds[ACTUATOR].worst >= RESTING and guard.kinds[ACTUATOR].seconds >= AGAIN * after
 
 
+def may_stabilise(guard: GuardMemory) -> bool:
+    """Whether a stabiliser may act while the loop rests: one whose inputs are not obeyed drives its rig away, and one
+    that has fallen is not lifted.
+    """
+    after = guard.failsafe[0].resting
+    has_fallen = guard.core[0].fallen and guard.kinds[RANGE].seconds >= AGAIN * after
+    return not doubts_actuators(guard, after) and not has_fallen
+
+
 def _beyond(guard: GuardMemory, state: Floats) -> float:
     """Evidence that the state is outside of its range."""
     states, most = guard.states, 0.0
+    guard.core[0].fallen = False
     for a in range(len(states)):
         away = max(states[a].low - state[a], state[a] - states[a].high) / states[a].outside
+        if states[a].stops * away > 1.0:
+            guard.core[0].fallen = True
         if away > most:
             most = away
     return most

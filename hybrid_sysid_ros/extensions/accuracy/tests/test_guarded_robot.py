@@ -61,6 +61,25 @@ def test_a_clear_spike_leaves_the_gyroscope_out(robot):
     assert max(levels) is LoopState.SLOWED
 
 
+def test_a_robot_that_fell_is_said_to_lie_at_its_stop_and_its_wheels_rest(robot):
+    rig, loop = robot
+    plant, now = Plant(rig, seed=3), np.zeros(len(rig.sensors))
+    loop.estimator.begin()
+    loop.begin()
+    inputs = loop.input.copy()
+    for k in range(round(3.0 / PERIOD)):
+        if k == round(BEGIN / PERIOD):
+            plant.state[:] = [rig.travel[0, 0], *plant.state[1:]]  # somebody knocks it over
+        estimate = loop.estimator.update(k * PERIOD, plant.sensed(), inputs)
+        inputs = loop.control(estimate, inputs, now, np.tile(now, (loop.controller.horizon, 1)), PERIOD).copy()
+        for _ in range(rig.steps(PERIOD, "the period")):
+            plant.advance(inputs)
+    assert plant.state[0] == rig.travel[0, 0], "it lies on the ground"
+    assert loop.level is LoopState.RESTING
+    assert "travel" in loop.guard.reason
+    assert not inputs.any()
+
+
 def test_a_push_is_no_fault_of_the_gyroscope(robot):
     _, left_out, tilt = driven_loop(robot, push=PUSH)
     assert sum(left_out) == 0

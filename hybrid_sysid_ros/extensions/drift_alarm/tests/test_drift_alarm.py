@@ -34,13 +34,14 @@ def test_an_undisturbed_process_is_accused_as_rarely_as_is_stated():
     assert np.mean(both) == pytest.approx(length / 2.0, rel=0.15)
 
 
-def watch(innovations):
-    """The alarm after innovations (samples, 1) at RATE."""
+def watch(innovations, inputs=None):
+    """The alarm after innovations (samples, 1) at RATE under inputs (samples, 1), by default ones that move."""
+    inputs = np.arange(len(innovations))[:, None] if inputs is None else inputs
     model: Any = SimpleNamespace(system=SimpleNamespace(outputs=[SimpleNamespace(name="position")]))
     alarm = DriftAlarm(model, RATE)
-    for row in innovations:
+    for row, applied in zip(innovations, inputs, strict=True):
         estimate: Any = SimpleNamespace(innovation=row, normalised=row**2)
-        alarm.see(estimate, np.zeros(1))
+        alarm.see(estimate, applied)
     return alarm.report()
 
 
@@ -64,3 +65,23 @@ def test_a_missing_reading_counts_for_nothing():
     found, values = watch(np.full((4000, 1), np.nan))
     assert found == ""
     assert values["drift_sum"] == 0.0
+
+
+def test_a_loop_that_is_stopped_and_armed_again_begins_anew():
+    """Its inputs rest in between, and its innovations are others there; neither is a drift of the loop that follows."""
+    random = np.random.default_rng(2)
+    calm, rest = random.normal(scale=0.4, size=(2000, 1)), random.normal(scale=0.1, size=(400, 1))
+    moving, still = random.normal(size=(2000, 1)), np.zeros((400, 1))
+    assert "have moved" in watch(np.concatenate([calm, calm + 0.5]), np.concatenate([moving, moving]))[0]
+    stopped = [moving, moving, still, moving]
+    assert watch(np.concatenate([calm, calm + 0.5, rest, calm]), np.concatenate(stopped))[0] == ""
+    drifts = np.concatenate([calm, calm + 0.5, rest, calm, calm + 0.5])
+    assert "have moved" in watch(drifts, np.concatenate([*stopped, moving]))[0]
+
+
+def test_a_loop_that_begins_at_rest_raises_no_alarm_when_it_is_armed():
+    random = np.random.default_rng(3)
+    innovations = np.concatenate([random.normal(scale=0.1, size=(2000, 1)), random.normal(scale=0.4, size=(2000, 1))])
+    inputs = np.concatenate([np.zeros((2000, 1)), random.normal(size=(2000, 1))])
+    assert watch(innovations, inputs)[0] == ""
+    assert "have grown" in watch(innovations)[0], "which it was before: the same innovations of a loop that moves"

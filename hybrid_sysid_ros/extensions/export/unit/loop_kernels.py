@@ -88,7 +88,7 @@ def find_rest(loop: PrintedLoop, inputs: Array) -> None:
     guard, stabilised = loop.guard, loop.gains.shape[0] > 0
     assign(inputs, loop.at_rest)
     if stabilised:
-        known = not guarding.doubts_actuators(guard, guard.failsafe[0].resting)
+        known = guarding.may_stabilise(guard)
         for a in range(loop.gains.shape[1]):
             known = known and math.isfinite(loop.out[loop.gains.shape[1] + a])
         if known:
