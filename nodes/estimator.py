@@ -17,6 +17,7 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.estimation.consistency import band
 from hybrid_sysid_ros.estimation.reversed_input import NONE
+from hybrid_sysid_ros.estimation.sensor_monitoring import STAYS
 from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, Measured, model_of
 from hybrid_sysid_ros.nodes.base import ModelSource, RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
@@ -288,6 +289,9 @@ class EstimatorNode(RigNode):
     def doubted(self) -> str:
         """The evidence against the present estimate, in words; "" where there is none."""
         estimator = self.adapter.estimator
+        sensors = zip(self.names, estimator.monitor.sensors, strict=True)
+        if outside := [name for name, sensor in sensors if sensor.beyond > STAYS]:
+            return f"{', '.join(outside)} shows a state outside of the rig's travel or validity"
         names = [name for name, r in zip(self.names, estimator.monitor.evidence, strict=True) if r >= 1.0]
         if names:
             return f"innovations of {', '.join(names)} are not as large as the model says"

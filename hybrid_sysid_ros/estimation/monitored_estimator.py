@@ -25,11 +25,11 @@ from hybrid_sysid_ros.estimation.reversed_input import (
     signed_roots,
     turn_input,
 )
-from hybrid_sysid_ros.estimation.sensor_monitor import (
+from hybrid_sysid_ros.estimation.sensor_monitor import SensorMonitor
+from hybrid_sysid_ros.estimation.sensor_monitoring import (
     AGREED,
     MonitoredSensor,
     MonitorRecord,
-    SensorMonitor,
     have_jumped,
     is_any_left_out,
     is_contradicted,
@@ -56,13 +56,14 @@ GAP = 3.5
 
 @dataclass(frozen=True, kw_only=True)
 class MonitorSettings:
-    """When an estimate is doubted. See :class:`~.sensor_monitor.SensorMonitor` for the first five."""
+    """When an estimate is doubted. See :class:`~.sensor_monitor.SensorMonitor` for the first six."""
 
     largest: Sequence[float]
     least: Sequence[float]
     leave_after: float
     timeout: float
     alone: float = 0.0
+    ranges: Sequence[tuple[float, float, bool]] = ()
     frozen_after: float
     """Time [s] after which a sensor that is too still is frozen."""
     white_noise: Sequence[float]
@@ -215,6 +216,7 @@ class MonitoredEstimator:
             timeout=settings.timeout,
             alone=settings.alone,
             covered=self._covered,
+            ranges=settings.ranges,
         )
 
     def begin(self) -> None:

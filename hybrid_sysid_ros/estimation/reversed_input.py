@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hybrid_sysid_ros.estimation.sensor_monitor import (
+from hybrid_sysid_ros.estimation.sensor_monitoring import (
     MonitoredSensor,
     MonitorRecord,
     is_any_left_out,

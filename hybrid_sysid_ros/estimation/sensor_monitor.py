@@ -1,292 +1,22 @@
-"""Sensor monitor: which sensors contradict the model, which one is left out for that, and how much doubt remains.
-
-The kernels are Python, and are printed as C.
-"""
+"""Sensor monitor: which sensors contradict the model, which one is left out for that, and how much doubt remains."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.estimation.suspicion import CLEAREST, suspicion
+from hybrid_sysid_ros.estimation.sensor_monitoring import (
+    MonitoredSensor,
+    MonitorRecord,
+    doubt_of,
+    go_on_alone,
+    judge_sensors,
+    without,
+)
 from hybrid_sysid_ros.support.arrays import Floats
-
-AVERAGE, LONG_AVERAGE = 0.1, 0.4
-"""Time constants [s] of the mean squares that are compared with the largest and with the least that is plausible."""
-LASTING = 2.0
-"""Weight of the longer mean square: a load or a reversal that the model does not know is soon over."""
-MISSING = 2.0
-"""Evidence that a sensor gives which shows nothing, where the others do not tell the state."""
-AGREES = 0.5
-"""Share of the largest mean square within which a sensor that was left out agrees with the estimate again."""
-BLAMELESS = 3.0
-"""Time [s] for which the other sensors must have been beyond doubt before one is left out: where two contradict the
-model at once, it is more likely that the model or an actuator is wrong. One after the other may well fail."""
-SUDDEN = 2.0
-"""Multiple of the largest mean square that is still plausible, by which a first suspicious reading has jumped: what an
-actuator does shows in a sensor by and by. Found by trial on rehearsed faults."""
-STEADY = 3.0
-"""Mean square until which a sensor has agreed: only from there it can have jumped, and has not drifted away."""
-AGREED = 0.2
-"""Time [s] for which another estimate, of all sensors, must have agreed with them before it is the loop's, and a sensor
-that was left out is used again: an estimate that has begun anew believes them all at first."""
-
-
-@dataclass(slots=True)
-class MonitorRecord:
-    """What all sensors share. leave_after, timeout [s]: of suspicion, and without a reading after which a sensor counts
-    as missing.
-    """
-
-    leave_after: float
-    timeout: float
-    alone: float
-    """Time [s] for which the model may go on alone, without sensors that jumped; 0 where the rig can rest instead."""
-    spent: float = 0.0
-    """For how long it has [s]."""
-    calm: float = BLAMELESS
-    """Since a sensor was under suspicion or left out last [s]."""
-    jumped: int = 0
-    """How many sensors jumped at once after such a time."""
-
-
-@dataclass(slots=True)
-class MonitoredSensor:
-    """A sensor, judged by its normalised innovations, whose mean square is 1 where model and noise are right.
-
-    Evidence against it is r = max(m / largest, LASTING M / largest, least / M), of the mean squares m over AVERAGE and
-    M over LONG_AVERAGE, and its suspicion grows as :func:`~.suspicion.suspicion` says.
-    """
-
-    spare: bool
-    """Whether it can be left out; see :func:`~.observability.spare_sensors`."""
-    covered: bool
-    """Whether a further channel shows its output, too."""
-    noise: float
-    """Its deviation with its hum [output unit]."""
-    largest: float
-    """Mean square that is still plausible."""
-    least: float
-    """The same; 0: none is too small."""
-    left_out: bool = False
-    away: bool = False
-    """Whether it jumped off what was expected, and not back: it lies, even where an estimate that believes it explains
-    the others, too.
-    """
-    silent: float = 0.0
-    """Since its last reading [s]."""
-    blamed: float = BLAMELESS
-    """Since it was under suspicion last [s]."""
-    seconds: float = 0.0
-    """Suspicion [s]."""
-    mean: float = 1.0
-    """m."""
-    lasting: float = 1.0
-    """M."""
-    large: float = 0.0
-    """r of innovations that are too large, without those that are too small."""
-    evidence: float = 0.0
-    """r while it is used."""
-    reading: float = math.nan
-    """The last one while it is left out, and what that was off the expected one."""
-    off: float = math.nan
-    count: int = 0
-    """How often it was left out."""
-
-
-def renew(sensors: Sequence[MonitoredSensor]) -> None:
-    """Forget the innovations of an estimate that has begun anew."""
-    for k in range(len(sensors)):
-        sensors[k].mean = sensors[k].lasting = 1.0
-        sensors[k].large = 0.0
-
-
-def judge_sensors(
-    monitor: MonitorRecord,
-    sensors: Sequence[MonitoredSensor],
-    readings: Floats,
-    normalised: Floats,
-    expected: Floats,
-    elapsed: float,
-) -> None:
-    """Take in an update after ``elapsed`` [s]: readings (outputs,), NaN where there is none, the parts (outputs,) of
-    the normalised innovation, and, where a sensor is left out, what the estimate expects (outputs,).
-
-    A sensor under suspicion for ``leave_after`` is left out where the others tell the state and were beyond doubt
-    themselves, and comes back when it has agreed with the estimate for as long, or by :func:`readmit`.
-    """
-    count, worst, most = len(sensors), 0, -1.0
-    for k in range(count):
-        sensors[k].silent = sensors[k].silent + elapsed if math.isnan(readings[k]) else 0.0
-        sensors[k].blamed += elapsed
-        if sensors[k].left_out:
-            _compare(monitor, sensors, k, readings[k], expected[k], elapsed)
-        else:
-            if sensors[k].seconds == 0.0 and sensors[k].mean < STEADY:
-                sensors[k].away = normalised[k] > SUDDEN * sensors[k].largest
-            r = _evidence(monitor, sensors, k, normalised[k], elapsed)
-            seconds = suspicion(sensors[k].seconds, r, elapsed, 2.0 * monitor.leave_after)
-            sensors[k].evidence, sensors[k].seconds = r, seconds
-            if seconds > 0.0 and r > 1.0:
-                sensors[k].blamed = 0.0
-    if _is_vain(monitor, sensors):
-        _give_up(sensors)
-    for k in range(count):
-        if sensors[k].spare and sensors[k].seconds > most:
-            worst, most = k, sensors[k].seconds
-    if most >= monitor.leave_after and _may_leave(monitor, sensors, worst):
-        _leave_out(sensors, worst)
-
-
-def go_on_alone(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], elapsed: float) -> None:
-    """Leave out all sensors for a while if more than one jumped at once: what an actuator does shows by and by, so that
-    the readings are wrong, and those that look right are believed no more than the others.
-    """
-    jumped, out, most = 0, 0, 0.0
-    for k in range(len(sensors)):
-        jumped += 1 if sensors[k].away else 0
-        out += 1 if sensors[k].left_out else 0
-        most = max(most, sensors[k].seconds)
-    if most > 0.0 and monitor.calm > 0.0:
-        monitor.jumped = jumped if monitor.calm >= BLAMELESS else 0
-    monitor.calm = 0.0 if most > 0.0 else monitor.calm + elapsed
-    monitor.spent = monitor.spent + elapsed if out > 1 else 0.0
-    if monitor.spent > monitor.alone:
-        _give_up(sensors)
-        monitor.jumped = 0
-    elif have_jumped(monitor) and out > 1 and jumped == 0:
-        readmit(sensors)
-    elif have_jumped(monitor) and most >= monitor.leave_after:
-        for k in range(len(sensors)):
-            if sensors[k].spare and not sensors[k].left_out:
-                _leave_out(sensors, k)
-
-
-def have_jumped(monitor: MonitorRecord) -> bool:
-    """Whether the readings are wrong, and no actuator is, and the model may go on alone."""
-    return monitor.alone > 0.0 and monitor.jumped > 1 and monitor.calm == 0.0
-
-
-def _leave_out(sensors: Sequence[MonitoredSensor], k: int) -> None:
-    sensors[k].left_out, sensors[k].evidence = True, 0.0
-    sensors[k].mean = CLEAREST * sensors[k].largest
-    sensors[k].reading = sensors[k].off = math.nan
-    sensors[k].count += 1
-
-
-def _give_up(sensors: Sequence[MonitoredSensor]) -> None:
-    """Use all sensors again: the model or an actuator is to blame, and none is left out for a while."""
-    readmit(sensors)
-    for k in range(len(sensors)):
-        sensors[k].blamed = 0.0
-
-
-def _evidence(
-    monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], k: int, square: float, elapsed: float
-) -> float:
-    if sensors[k].silent > monitor.timeout:
-        return 0.0 if sensors[k].spare else MISSING
-    largest, least = sensors[k].largest, sensors[k].least
-    if math.isfinite(square):
-        clear = min(square, CLEAREST * largest)  # so that one wild reading is no evidence
-        sensors[k].mean += min(elapsed / AVERAGE, 1.0) * (clear - sensors[k].mean)
-        clear = min(clear, LASTING * largest)  # so that it is forgotten soon
-        sensors[k].lasting += min(elapsed / LONG_AVERAGE, 1.0) * (clear - sensors[k].lasting)
-    sensors[k].large = max(sensors[k].mean, LASTING * sensors[k].lasting) / largest
-    small = 0.0
-    if least > 0.0:
-        small = least / sensors[k].lasting if sensors[k].lasting > 0.0 else CLEAREST
-    return max(sensors[k].large, small)
-
-
-def _compare(
-    monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], k: int, reading: float, expected: float, elapsed: float
-) -> None:
-    """Let a sensor back that agrees with the estimate."""
-    largest, off = sensors[k].largest, reading - expected
-    jump = min(abs(reading - sensors[k].reading), abs(off - sensors[k].off))
-    sensors[k].reading, sensors[k].off = reading, off
-    if jump > sensors[k].noise * math.sqrt(2.0 * SUDDEN * largest) or sensors[k].silent > monitor.timeout:
-        sensors[k].away = False
-    square = min((off / sensors[k].noise) * (off / sensors[k].noise), CLEAREST * largest)
-    agrees = False
-    if math.isfinite(square):
-        sensors[k].mean += min(elapsed / AVERAGE, 1.0) * (square - sensors[k].mean)
-        agrees = sensors[k].mean < AGREES * largest
-    evidence = 0.0 if agrees else CLEAREST
-    sensors[k].seconds = suspicion(sensors[k].seconds, evidence, elapsed, 2.0 * monitor.leave_after)
-    if sensors[k].seconds == 0.0 and not have_jumped(monitor):
-        _admit(sensors, k)
-
-
-def readmit(sensors: Sequence[MonitoredSensor]) -> None:
-    """Use all sensors again."""
-    for k in range(len(sensors)):
-        if sensors[k].left_out:
-            _admit(sensors, k)
-
-
-def _admit(sensors: Sequence[MonitoredSensor], k: int) -> None:
-    sensors[k].left_out, sensors[k].seconds = False, 0.0
-    sensors[k].mean = sensors[k].lasting = 1.0
-    sensors[k].large = 0.0
-
-
-def is_any_left_out(sensors: Sequence[MonitoredSensor]) -> bool:
-    """Whether a sensor is left out now."""
-    found = False
-    for k in range(len(sensors)):
-        found = found or sensors[k].left_out
-    return found
-
-
-def _is_vain(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor]) -> bool:
-    """Whether a sensor that is used contradicts the model as long as it may: then it was wrong to leave another one
-    out, and the model or an actuator is.
-    """
-    for k in range(len(sensors)):
-        suspected = sensors[k].seconds >= 2.0 * monitor.leave_after
-        if not sensors[k].left_out and sensors[k].large > 1.0 and suspected:
-            return is_any_left_out(sensors)
-    return False
-
-
-def _may_leave(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], worst: int) -> bool:
-    for j in range(len(sensors)):
-        missing = j != worst and sensors[j].silent > monitor.timeout
-        if sensors[j].left_out or missing or (j != worst and sensors[j].blamed < BLAMELESS):
-            return False
-    return True
-
-
-def without(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor]) -> int:
-    """How many sensors the estimate has to do without now."""
-    count = 0
-    for k in range(len(sensors)):
-        if not sensors[k].covered and (sensors[k].left_out or sensors[k].silent > monitor.timeout):
-            count += 1
-    return count
-
-
-def is_contradicted(sensors: Sequence[MonitoredSensor]) -> bool:
-    """Whether innovations are too large, not only too small, which leads no estimate astray."""
-    found = False
-    for k in range(len(sensors)):
-        found = found or (sensors[k].large > 1.0 and not sensors[k].left_out)
-    return found
-
-
-def doubt_of(sensors: Sequence[MonitoredSensor]) -> float:
-    """The strongest evidence against the estimate, as a multiple of its threshold."""
-    most = 0.0
-    for k in range(len(sensors)):
-        if not sensors[k].left_out:
-            most = max(most, sensors[k].evidence)
-    return most
 
 
 class SensorMonitor:
@@ -303,11 +33,13 @@ class SensorMonitor:
         timeout: float,
         alone: float = 0.0,
         covered: Sequence[bool] = (),
+        ranges: Sequence[tuple[float, float, bool]] = (),
     ) -> None:
-        """See :class:`MonitoredSensor`, each (p,); covered: by default none is."""
+        """See :class:`MonitoredSensor`, each (p,); covered: by default none is; ranges: low, high, stops, or none."""
         covered = covered or [False] * len(noise)
+        ranges = ranges or [(-math.inf, math.inf, False)] * len(noise)
         self.record = MonitorRecord(leave_after, timeout, alone)
-        rows = zip(map(bool, spare), covered, noise, largest, least, strict=True)
+        rows = zip(map(bool, spare), covered, noise, largest, least, *zip(*ranges, strict=True), strict=True)
         self.sensors = [MonitoredSensor(*row) for row in rows]
 
     @property

@@ -24,7 +24,7 @@ from hybrid_sysid_ros.estimation import SensorChannel, Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import mpc_section
-from hybrid_sysid_ros.runtime.limits import FREE, input_rates, least_prices, state_bounds
+from hybrid_sysid_ros.runtime.limits import FREE, input_rates, least_prices, state_bounds, stops_of
 from hybrid_sysid_ros.runtime.parameters import (
     TRAINED,
     NodeParameter,
@@ -282,11 +282,10 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
     low, high = rig.limits
     known = state_bounds(rig)
     state_low, state_high = np.array([known.get(item.name, FREE) for item in system.states]).T
-    stabilised = rig.experiments.stabiliser is not None
-    stops = {item.name for item, ends in zip(rig.system.states, rig.travel.T, strict=True) if np.isfinite(ends).all()}
+    stops = stops_of(rig)
     return GuardSettings(
         act=values["distrust"] == "act",
-        stabilised=stabilised,
+        stabilised=rig.experiments.stabiliser is not None,
         ladder=Ladder(values["slow_after"], values["hold_after"], values["rest_after"]),
         slow_share=values["slow_share"],
         resume_rate=np.array([abs(rate) or cross for rate, cross in zip(rates, crossing, strict=True)]),
@@ -301,7 +300,7 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
         rate=input_rates(listed(values, "input_rate", "parameter", len(rig.actuators)), rig),
         state_low=state_low,
         state_high=state_high,
-        stops=np.array([float(stabilised and item.name in stops) for item in system.states]),
+        stops=np.array([float(item.name in stops) for item in system.states]),
     )
 
 

@@ -10,6 +10,7 @@ from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_tuning
+from hybrid_sysid_ros.runtime.limits import reading_ranges
 
 FAR = 3.0
 """Multiple of a sensor's noise in the rig's file from which on an assumed one may be far too large. Else innovations
@@ -40,6 +41,7 @@ def estimator_of(
         leave_after=settings["leave_out_after"],
         timeout=settings["sensor_timeout"],
         alone=settings["dead_reckoning"] if any(_reversible(rig)) else 0.0,
+        ranges=reading_ranges(rig),
         frozen_after=settings["frozen_after"],
         white_noise=[abs(sensor.scale) * sensor.white_noise * sensor.noisy for sensor in rig.sensors],
         doubt_disturbance=settings["doubt_disturbance"],

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import MARGIN, Rig
 from hybrid_sysid_ros.support.arrays import Array
 
 FREE = (-math.inf, math.inf)
@@ -26,6 +26,28 @@ def state_bounds(rig: Rig) -> Bounds:
     names = [item.name for item in rig.system.states]
     found = zip(names, zip(low.tolist(), high.tolist(), strict=True), strict=True)
     return {name: ends for name, ends in found if ends != FREE}
+
+
+def stops_of(rig: Rig) -> frozenset[str]:
+    """States at whose stops a rig that can't rest has fallen, beyond what its stabiliser can lift."""
+    if rig.experiments.stabiliser is None:
+        return frozenset()
+    return frozenset(
+        item.name for item, ends in zip(rig.system.states, rig.travel.T, strict=True) if np.isfinite(ends).all()
+    )
+
+
+def reading_ranges(rig: Rig) -> list[tuple[float, float, bool]]:
+    """Lowest and highest reading of each output [SI] that is no stop, or not clearly outside of the rig's range; and
+    whether that is a stop.
+    """
+    bounds, stops, found = state_bounds(rig), stops_of(rig), []
+    for item in rig.system.outputs:
+        low, high = bounds.get(item.name, FREE)
+        room = MARGIN * (high - low) if math.isfinite(high - low) else 0.0
+        inside = room if item.name in stops else -room
+        found.append((low + inside, high - inside, item.name in stops))
+    return found
 
 
 def least_prices(weights: Sequence[float], rig: Rig, bounds: Bounds) -> dict[str, float]:

@@ -8,7 +8,8 @@ import pytest
 from hybrid_sysid_ros.estimation.frozen_sensor import frozen_detectors, is_frozen
 from hybrid_sysid_ros.estimation.monitored_estimator import screen
 from hybrid_sysid_ros.estimation.observability import spare_sensors
-from hybrid_sysid_ros.estimation.sensor_monitor import AVERAGE, BLAMELESS, SensorMonitor, readmit
+from hybrid_sysid_ros.estimation.sensor_monitor import SensorMonitor
+from hybrid_sysid_ros.estimation.sensor_monitoring import AVERAGE, BLAMELESS, MISSING, STAYS, readmit
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, suspicion
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_tuning
@@ -213,3 +214,22 @@ def test_an_angle_does_not_follow_from_a_speed_but_a_speed_from_an_angle():
         tuning = estimator_tuning(defaults(rig, "estimator"), rig)
         found[name] = spare_sensors(rig.system, tuning, step=STEP).tolist()
     assert found == {"flexible_joint": [False, True], "cam_beam": [False]}
+
+
+def test_a_reading_outside_of_the_rig_s_range_that_stays_is_evidence_though_it_is_left_out():
+    found = monitor(ranges=[(-2.0, 2.0, False), (-math.inf, math.inf, False)])
+    for steps, doubts in ((round(STAYS / STEP) - 1, False), (2, True)):
+        judge(found, [100.0, 1.0], readings=[3.0, 0.0], expected=np.zeros(2), steps=steps)
+        assert found.left_out == [True, False]
+        assert (found.doubt == MISSING) is doubts
+    judge(found, [1.0, 1.0], readings=[1.0, 0.0], expected=np.zeros(2))
+    assert found.doubt < 1.0
+
+
+def test_a_sensor_that_goes_on_showing_a_fall_is_believed():
+    """There the model ends, so that the one sensor that shows it contradicts all others."""
+    found = monitor(ranges=[(-2.0, 2.0, True), (-math.inf, math.inf, False)])
+    judge(found, [100.0, 1.0], readings=[3.0, 0.0], expected=np.zeros(2), steps=round(0.5 * STAYS / STEP))
+    assert found.left_out == [True, False]
+    judge(found, [100.0, 1.0], readings=[3.0, 0.0], expected=np.zeros(2), steps=round(0.6 * STAYS / STEP))
+    assert found.left_out == [False, False]

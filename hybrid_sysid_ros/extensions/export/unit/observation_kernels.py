@@ -29,7 +29,7 @@ from hybrid_sysid_ros.estimation.reversed_input import (
     signed_roots,
     turn_input,
 )
-from hybrid_sysid_ros.estimation.sensor_monitor import (
+from hybrid_sysid_ros.estimation.sensor_monitoring import (
     doubt_of,
     go_on_alone,
     have_jumped,

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.control.safety.guarding import GuardedInput, GuardMemory, 
 from hybrid_sysid_ros.estimation.frozen_sensor import FrozenSensorDetector
 from hybrid_sysid_ros.estimation.monitored_estimator import EstimateWatch, MonitoredEstimator, SensorTrial
 from hybrid_sysid_ros.estimation.reversed_input import ReversalTrial
-from hybrid_sysid_ros.estimation.sensor_monitor import MonitoredSensor, MonitorRecord
+from hybrid_sysid_ros.estimation.sensor_monitoring import MonitoredSensor, MonitorRecord
 from hybrid_sysid_ros.support.arrays import Array
 
 RECORD_NAMES = {
