@@ -221,7 +221,7 @@ def test_a_reading_outside_of_the_rig_s_range_that_stays_is_evidence_though_it_i
     for steps, doubts in ((round(STAYS / STEP) - 1, False), (2, True)):
         judge(found, [100.0, 1.0], readings=[3.0, 0.0], expected=np.zeros(2), steps=steps)
         assert found.left_out == [True, False]
-        assert (found.doubt == MISSING) is doubts
+        assert bool(found.doubt == MISSING) is doubts
     judge(found, [1.0, 1.0], readings=[1.0, 0.0], expected=np.zeros(2))
     assert found.doubt < 1.0
 

@@ -20,6 +20,15 @@ RATE = 200.0  # Hz, of its readings
 WATCHDOG = 0.1  # s without a line, after which it rests its drive
 
 
+def commanded(line: bytes) -> list[float]:
+    """The inputs in a line of the driver; none where it is noise or a part of one."""
+    kind, *numbers = line.decode(errors="replace").split() or [""]
+    try:
+        return [float(number) for number in numbers] if kind == "U" else []
+    except ValueError:
+        return []
+
+
 class Board:
     """The rig's simulated plant, its readings out and its inputs in as lines."""
 
@@ -40,9 +49,9 @@ class Board:
             self._text += os.read(self._file, 4096)
         *lines, self._text = self._text.split(b"\n")
         for line in lines:
-            kind, *numbers = line.decode().split()
-            if kind == "U":
-                self.inputs, self._heard = [float(number) for number in numbers], time.monotonic()
+            inputs = commanded(line)
+            if len(inputs) == len(self.rest):
+                self.inputs, self._heard = inputs, time.monotonic()
         if time.monotonic() - self._heard > WATCHDOG:
             self.inputs = self.rest
 
@@ -58,6 +67,7 @@ class Board:
                 os.write(self._file, f"M {readings}\n".encode())
             due = max(due + 1.0 / RATE, time.monotonic())
             time.sleep(max(due - time.monotonic(), 0.0))
+        os.close(self._file)  # as a plug that is drawn
 
 
 if __name__ == "__main__":

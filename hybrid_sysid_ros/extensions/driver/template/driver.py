@@ -13,10 +13,12 @@ import argparse
 import math
 import os
 import select
+import sys
 import termios
 import time
 import tty
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from threading import Event, Thread
 
@@ -48,9 +50,11 @@ def written(inputs: Sequence[float]) -> str:
 
 
 class SerialLine:
-    """A serial port, or a pseudo terminal, read line by line."""
+    """A serial port, or a pseudo terminal, read line by line. read and write raise OSError where the board is gone."""
 
     def __init__(self, port: str) -> None:
+        self._rest = b""
+        """Of a line that the port has taken a part of."""
         self._file = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(self._file)
         settings = termios.tcgetattr(self._file)
@@ -65,13 +69,21 @@ class SerialLine:
             ready, _, _ = select.select([self._file], [], [], max(end - time.monotonic(), 0.0))
             if not ready:
                 return None
-            self._text = (self._text + os.read(self._file, 4096))[-65536:]
+            if not (text := os.read(self._file, 4096)):
+                raise OSError("the board has hung up")
+            self._text = (self._text + text)[-65536:]
         line, _, self._text = self._text.partition(b"\n")
         return line.decode(errors="replace").strip()
 
     def write(self, text: str) -> None:
-        """Send text; what the port does not take is lost, as it would come too late."""
-        os.write(self._file, text.encode())
+        """Send a line. One for which the port has no room is left out whole, since it would come too late."""
+        for data in (self._rest, text.encode()):
+            try:
+                self._rest = data[os.write(self._file, data) :] if data else b""
+            except BlockingIOError:
+                return
+            if self._rest:
+                return
 
     def close(self) -> None:
         """Close the port."""
@@ -92,6 +104,8 @@ class Driver(Node):
         """Lines of the board that could not be read."""
         self.line = SerialLine(port)
         self._ended = Event()
+        self.lost = ""
+        """Why the board can't be reached any more."""
         self._states = self.create_publisher(JointState, "joint_states", topics.profile("joint_states"))
         self.create_subscription(JointState, "joint_command", self.on_command, topics.profile("joint_command"))
         self._thread = Thread(target=self.talk, name="board", daemon=True)
@@ -109,7 +123,14 @@ class Driver(Node):
         return self._newest if time.monotonic() - self._commanded < WATCHDOG else self._rest
 
     def talk(self) -> None:
-        """Talk with the board until the node ends."""
+        """Talk with the board until the node ends, or the board is gone."""
+        try:
+            self._talk()
+        except OSError as error:
+            self.lost = f"the board is gone ({error}): plug it in and start this driver again"
+            self.get_logger().fatal(self.lost)
+
+    def _talk(self) -> None:
         sent, count = self._rest, len(self.rig.system.outputs)
         while not self._ended.is_set():
             line, stamp = self.line.read(SILENCE), self.get_clock().now()
@@ -134,23 +155,26 @@ class Driver(Node):
             return
         self._ended.set()
         self._thread.join()
-        self.line.write(written(self._rest))
+        with suppress(OSError):  # the board is gone, and rests by its own watchdog
+            self.line.write(written(self._rest))
         self.line.close()
 
 
-def main() -> None:
-    """Run until it is interrupted."""
+def main() -> int:
+    """Run until it is interrupted, or the board is gone, which is status 2."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--port", required=True)
     rclpy.init()
     driver = Driver(str(Path(__file__).parent), options.parse_args().port)
     try:
-        rclpy.spin(driver)
+        while not driver.lost:
+            rclpy.spin_once(driver, timeout_sec=0.1)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
         driver.close()
+    return 2 if driver.lost else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+import os
+import pty
+import select
 import time
+import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Thread
 
 import pytest
 import rclpy
-from board import Board
-from driver import WATCHDOG, Driver
+from board import Board, commanded
+from driver import WATCHDOG, Driver, SerialLine, written
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
@@ -85,6 +89,35 @@ def test_without_a_driver_the_board_rests(loop, board):
     until(lambda: board.inputs[0] > 0.0)
     driver.close()
     until(lambda: board.inputs == board.rest)
+
+
+def test_a_board_that_is_gone_is_named_and_ends_the_driver(loop, board):
+    driver, until = loop
+    until(lambda: board.plant.time > 0.05)
+    board.ended.set()
+    until(lambda: driver.lost)
+    driver.close()
+
+
+def test_a_board_that_does_not_listen_gets_whole_lines_later(loop):
+    """What its port does not take is left out, whole."""
+    first, second = pty.openpty()
+    tty.setraw(second)
+    line = SerialLine(os.ttyname(second))
+    for _ in range(5000):
+        line.write(written([1.23456]))
+    text = b""
+    while select.select([first], [], [], 0.0)[0]:
+        text += os.read(first, 65536)
+    line.write(written([2.0]))
+    text += os.read(first, 65536)
+    assert {*text.decode().splitlines()} == {"U 1.23456", "U 2"}
+    line.close()
+
+
+@pytest.mark.parametrize("line", [b"", b"U 1.2U 0.5", b"\xff\xfe", b"U", b"U 1 2 3 4 5 6 7 8 9", b"M 1"])
+def test_a_board_passes_over_noise(loop, board, line):
+    assert len(commanded(line)) != len(board.rest)
 
 
 def test_lines_that_make_no_sense_are_counted(loop, board):
