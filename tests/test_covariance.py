@@ -1,5 +1,7 @@
 """How sure a fit is: the robust covariance against its double sum, and against repeated experiments."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -8,6 +10,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from hybrid_sysid_ros.core import System, bounded
+from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.identification import fitting
 from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.identification.standard_errors import (
@@ -181,6 +185,38 @@ def test_a_hum_whose_periods_fit_into_the_samples_is_seen_as_an_offset():
     record = record_of(np.ones((20001, 1)), (np.sin(time) + 0.1 * np.sin(2 * np.pi * 60 * time + 1.0))[:, None], 0.001)
     assert resample(record, Sampling()).alias[0] == pytest.approx(0.1 * np.sin(1.0), rel=0.02)
     assert abs(resample(record, Sampling(step=0.001, period=0.045)).alias[0]) < 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lag(System):
+    """T y' = gain u + centre - y."""
+
+    states = ("y [m]",)
+    inputs = ("u [V]",)
+    gain: float = bounded(0.5, 0.0, 5.0, unit="m/V")
+    """Per input."""
+    centre: float = bounded(0.0, -5.0, 5.0, unit="m")
+    """Where it rests."""
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return ((self.gain * u[0] + self.centre - x[0]) / 0.2,)
+
+
+def test_a_fit_follows_what_is_below_an_aliased_hum():
+    """The offset is known from the samples between: a place of rest is not moved by it."""
+    steps, noise = np.repeat(np.random.default_rng(0).uniform(-1, 1, 20), 1000), np.random.default_rng(1)
+    exact = lfilter([1 - np.exp(-0.005)], [1, -np.exp(-0.005)], steps + 0.3)
+    clean = np.concatenate([[0.0], exact]) + 0.001 * noise.normal(size=20001)
+    hum = 0.1 * np.sin(2 * np.pi * 60 * np.arange(20001) * 0.001 + 1.0)
+    inputs = np.concatenate([steps, steps[-1:]])[:, None]
+    found = []
+    for output in (clean, clean + hum):
+        experiment = resample(record_of(inputs, output[:, None], 0.001), Sampling()).experiment(Lag())
+        fitted = fitting.fit(Lag(), [experiment])
+        found.append((fitted.system.named["centre"], float(np.sqrt(fitted.covariance[1, 1]))))
+    assert found[0][0] == pytest.approx(0.3, abs=2e-3)
+    assert found[1][0] == pytest.approx(found[0][0], abs=2e-3)
+    assert found[1][1] < 5e-3
 
 
 def test_blocks_apart_spread_as_their_own_means():

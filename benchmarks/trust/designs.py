@@ -21,7 +21,6 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.experiment_design.design import designed
-from hybrid_sysid_ros.extensions.experiment_design.information import aliased
 from hybrid_sysid_ros.extensions.experiment_design.plan_folder import SIGNALS, save_plan
 from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.identification.context import Context
@@ -58,24 +57,19 @@ def recorded(rig: Rig, kind: str, *, seed: int, seconds: float) -> Record:
 
 
 @cache
-def first_model(name: str, *, offsets: bool = False) -> Model:
-    """What is known before the experiment: a gray box of ten seconds. offsets: with the constant errors of outputs that
-    a hum leaves at the samples, each a parameter with its deviation as prior.
-    """
+def first_model(name: str) -> Model:
+    """What is known before the experiment: a gray box of ten seconds."""
     rig, sampling = true_rig(name), given_sampling(None, true_rig(name))
-    sizes = zip(rig.system.outputs, aliased(rig, sampling.period).tolist(), strict=True)
-    options = {f"{item.name}_offset": size for item, size in sizes if offsets and size}
     record = recorded(rig, OTHERS[0], seed=FIRST_SEED - 1, seconds=FIRST)
-    return identify([record], rig, "gray", sampling=sampling, refine=True, options=options)
+    return identify([record], rig, "gray", sampling=sampling, refine=True)
 
 
 def fitted(rig: Rig, record: Record) -> System:
     """A gray box of one record, searched from the first model on: from the declared values a search in short rollouts
     may end in another minimum of the whole record, so that the variance would be that of the search.
     """
-    first = first_model(rig.name, offsets=True)
-    options = first.fit["options"]
-    context = Context(rig=rig, sampling=first.sampling, options=options, seed=0, records=[record])
+    first = first_model(rig.name)
+    context = Context(rig=rig, sampling=first.sampling, options=first.fit["options"], seed=0, records=[record])
     held = [item.name for item in first.system.parameters if not item.fixed and item.name not in first.names]
     return context.fit_physics([first.system], stages=(None,), hold=held, starts=1, again=True).system
 

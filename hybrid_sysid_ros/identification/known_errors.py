@@ -1,4 +1,4 @@
-"""Known errors of a fit: what step, inputs, sensors and hum do to its residuals, known up to their sign."""
+"""Known errors of a fit: what step, inputs and sensors do to its residuals, known up to their sign."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from hybrid_sysid_ros.support.arrays import Array
 
 def known_errors(problem: FitProblem, point: Array) -> Array:
     """Errors of the residual rows of whole records, (errors, rows): first that of the integration step, by half the
-    step, since the method is of first order; that of inputs which may have moved within a sample; that of readings that
-    are means over a sensor's window; and for each record that of a hum that the samples alias.
+    step, since the method is of first order; that of inputs which may have moved within a sample; and that of readings
+    that are means over a sensor's window.
     """
     starts, states, outputs, edges = problem.windows(None)
     weight, rest = problem.weight(outputs), np.zeros(len(problem.priors(point)))
@@ -44,10 +44,6 @@ def known_errors(problem: FitProblem, point: Array) -> Array:
         parts = (run[begin : begin + count] for _, _, count, begin in steps)
         blurred = [_blurred(part, windows[0] / sampling.step)[:: sampling.every] for part in parts]
         found.append(np.concatenate(blurred))
-    for item, begin, end in zip(problem.experiments, edges[:-1], edges[1:], strict=True):
-        if item.alias is not None and np.any(item.alias):
-            found.append(np.zeros_like(outputs))
-            found[-1][begin:end] = item.alias
     rows = [np.concatenate([np.nan_to_num(row * weight).ravel(), rest]) for row in found]
     return np.array(rows)
 

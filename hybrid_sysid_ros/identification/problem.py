@@ -234,7 +234,7 @@ class FitProblem:
                 if begin > self.lead:
                     state[self.hidden] = carried[begin]
                 states.append(state)
-                outputs.append(experiment.outputs[begin : begin + length + 1])
+                outputs.append(experiment.followed[begin : begin + length + 1])
                 offset += length + 1
             edges.append(offset)
         return np.array(starts, dtype=np.int64), np.array(states), np.concatenate(outputs), np.array(edges)

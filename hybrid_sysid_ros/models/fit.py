@@ -59,6 +59,11 @@ class PreparedRecord:
         return found
 
     @property
+    def followed(self) -> Array:
+        """What a fit follows: the outputs without what the samples alias, (samples, outputs)."""
+        return self.outputs if self.alias is None else self.outputs - self.alias
+
+    @property
     def samples(self) -> int:
         return len(self.outputs)
 

@@ -17,8 +17,6 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LEAST_KNOWN = 1e3
 """Sizes of a number within which it counts as known beforehand where nothing else is."""
-ALIASED = 0.01
-"""Most part of a hum's period from one sample to the next at which it is an offset."""
 LONGEST = 0.3
 """Most of half the length of a secant, in a number's size."""
 MOST = 300
@@ -71,8 +69,7 @@ class Fisher:
         M = sum_k S_k' R^-1 S_k,   S_k = d y_k / d theta,
 
     with R the noise of outputs: Goodwin & Payne (1977), Dynamic System Identification, chapter 6. Where a fit has more
-    to find, or less to know than the noise, as the beginning of a record or a constant error that it takes for motion,
-    M is the inverse of the covariance of what it finds.
+    to find, as the beginning of a record, M is the inverse of the covariance of what it finds.
     """
 
     sensitivities: Sensitivities
@@ -84,8 +81,6 @@ class Fisher:
     """Half of the lengths of secants in the parameters' units, (parameters,), for a law with corners; None: exact
     derivatives.
     """
-    offsets: Array | None = None
-    """Deviations of a constant error of each output in a record, such as a hum that the samples alias, (outputs,)."""
     columns: Sequence[int] = ()
     """Those of the sensitivities that are numbers of the model; by default all."""
     begins: Array | None = None
@@ -105,7 +100,6 @@ class Fisher:
             sampling=model.sampling,
             sizes=sizes,
             weight=1.0 / noise_of(model, rig) ** 2,
-            offsets=aliased(rig, model.sampling.period),
             steps=np.where(known > 0.0, np.minimum(known, most), most) if cornered(model.system) else None,
             columns=[*range(len(free)), *(len(free) + int(number) for number in weights)],
         )
@@ -125,13 +119,10 @@ class Fisher:
         rows = scaled.reshape(-1, scaled.shape[2])
         whole = np.asarray(rows.T @ rows)
         count = whole.shape[0] - states
-        if self.offsets is None and not states:
+        if not states:
             return whole
         prior = np.concatenate([np.full(count, LEAST_KNOWN**-2), np.ones(states)])
         covariance = np.linalg.inv(whole + np.diag(prior))
-        if self.offsets is not None:  # a fit takes it for motion: its error is that of least squares
-            moved = covariance @ (scaled.sum(axis=0) * (self.offsets * np.sqrt(self.weight))[:, None]).T
-            covariance = covariance + moved @ moved.T
         return np.asarray(np.linalg.inv(covariance[:count, :count]))
 
     def tangents(self, system: System, inputs: Array, first: Array | None = None) -> Array:
@@ -164,16 +155,6 @@ class Fisher:
                     )[1]
                 )  # fmt: skip
         return np.asarray((found[1] - found[0]) / max(float(ends[1] - ends[0]), 1e-300))
-
-
-def aliased(rig: Rig, period: float) -> Array:
-    """Deviations of the offsets that a hum gives where its periods fit into that of the samples, (outputs,)."""
-    hums = [(sensor.scale, sensor.hum) for sensor in rig.sensors]
-    found = [
-        abs(scale) * hum.rms if hum and abs(hum.hertz * period - round(hum.hertz * period)) < ALIASED else 0.0
-        for scale, hum in hums
-    ]
-    return np.array(found)
 
 
 def begins_of(rig: Rig, period: float) -> Array:

@@ -86,7 +86,7 @@ class PredictionError:
     def __post_init__(self) -> None:
         self.problem = FitProblem(self.physics, self.records, hold=self.hold)
         self.evaluations = 0
-        inputs, outputs = self.problem.inputs, np.concatenate([item.outputs for item in self.records])
+        inputs, outputs = self.problem.inputs, np.concatenate([item.followed for item in self.records])
         sizes = np.maximum(np.std(inputs, axis=0), 1e-12)
         smooth = [np.full(outputs.shape[1], 1e-3) if item.noise is None else item.noise for item in self.records]
         noise = np.maximum(np.sqrt(np.mean(np.square(smooth), axis=0)), 1e-6 * np.std(outputs, axis=0))

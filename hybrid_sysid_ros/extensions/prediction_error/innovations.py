@@ -47,8 +47,9 @@ def innovations(
         system, tuning, period=sampling.step, step=sampling.step, span=0.0, lead=0.0, windowed=False
     )
     start = Initialisation(system=system, tuning=tuning, memory=memory, arrays=arrays)
-    start.fresh(0.0, record.inputs[0], 0, record.outputs[0])
-    outputs = record.outputs if record.measured is None else np.where(record.measured[:, None], record.outputs, np.nan)
+    followed = record.followed
+    start.fresh(0.0, record.inputs[0], 0, followed[0])
+    outputs = followed if record.measured is None else np.where(record.measured[:, None], followed, np.nan)
     found = np.full((2, record.samples - 1, len(system.outputs)), np.nan)
     _innovations(tuple(memory), np.ascontiguousarray(outputs), record.inputs, sampling.step, sampling.every, found)
     return found[0], found[1]

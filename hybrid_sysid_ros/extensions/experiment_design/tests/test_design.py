@@ -74,15 +74,6 @@ def test_the_information_of_a_step_is_that_of_its_response() -> None:
     np.testing.assert_allclose(found, slopes @ slopes.T / NOISE**2, rtol=1e-6)
 
 
-def test_an_offset_of_a_record_moves_what_least_squares_find() -> None:
-    """(S' S)^-1 S' R S (S' S)^-1 with R = s^2 I + h^2 1 1', the covariance of least squares that know of no offset."""
-    inputs, h = np.sin(np.arange(300) * STEP)[:, None], 0.02
-    slopes = fisher().tangents(ValveLag(), inputs)[:, 0]
-    noise, inverse = NOISE**2 * np.eye(len(slopes)) + h**2, np.linalg.inv(slopes.T @ slopes)
-    found = replace(fisher(), offsets=np.array([h])).information(ValveLag(), inputs)
-    np.testing.assert_allclose(np.linalg.inv(found), inverse @ slopes.T @ noise @ slopes @ inverse, rtol=1e-6)
-
-
 def test_a_beginning_that_is_not_known_takes_what_it_could_explain() -> None:
     """S' R^-1 S with R = s^2 I + b^2 e e', as y begins within b and forgets it as e = exp(-t / T)."""
     inputs, begin = np.sin(np.arange(300) * STEP)[:, None], 0.05

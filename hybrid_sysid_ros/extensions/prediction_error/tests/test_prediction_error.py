@@ -46,7 +46,7 @@ def test_the_criterion_is_the_likelihood_of_all_samples_together() -> None:
     found = -0.5 * np.sum(errors**2 / variances + np.log(2 * np.pi * variances))
     step, gain = matrices()
     count = record.samples - 1
-    mean, moves = np.array([record.outputs[0, 0], 0.0]), np.zeros((2, 2 + count * EVERY))
+    mean, moves = np.array([record.followed[0, 0], 0.0]), np.zeros((2, 2 + count * EVERY))
     moves[:, :2] = np.diag([NOISE, 10.0 * WALK])
     means, rows = [], []
     for k in range(count * EVERY):
@@ -56,7 +56,7 @@ def test_the_criterion_is_the_likelihood_of_all_samples_together() -> None:
             means.append(mean[0])
             rows.append(moves[0].copy())
     joint = np.array(rows) @ np.array(rows).T + NOISE**2 * np.eye(count)
-    dense = multivariate_normal(np.array(means), joint).logpdf(record.outputs[1:, 0])
+    dense = multivariate_normal(np.array(means), joint).logpdf(record.followed[1:, 0])
     assert found == pytest.approx(dense, abs=1e-6)
 
 
