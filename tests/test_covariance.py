@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hybrid_sysid_ros.core import System, bounded
+from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.identification import fitting
 from hybrid_sysid_ros.identification.experiment import resample
@@ -24,6 +24,7 @@ from hybrid_sysid_ros.identification.standard_errors import (
 )
 from hybrid_sysid_ros.models import Sampling
 from tests.linear_bench import record_of
+from tests.small_systems import Slider
 
 
 def by_double_sum(jacobian, residuals, edges, lags):
@@ -217,6 +218,27 @@ def test_a_fit_follows_what_is_below_an_aliased_hum():
     assert found[0][0] == pytest.approx(0.3, abs=2e-3)
     assert found[1][0] == pytest.approx(found[0][0], abs=2e-3)
     assert found[1][1] < 5e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Useless(Slider):
+    """A block on a table, and a number that acts on nothing."""
+
+    useless: float = bounded(1.0, -5.0, 5.0, unit="m/s^2")
+    """Of no use."""
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[1], u[0] + 0.0 * self.useless
+
+
+def test_searches_that_leave_a_number_where_it_is_do_not_make_it_known():
+    system, inputs = Useless(), 6.0 * np.sign(np.sin(np.arange(4000) * 0.005))[:, None]
+    states = simulate(system, np.zeros(2), inputs[:-1], step=0.001)
+    record = record_of(inputs, states[:, :1] + 1e-3 * np.random.default_rng(0).normal(size=(4000, 1)), 0.001)
+    experiment = resample(record, Sampling(step=0.001, period=0.02)).experiment(system)
+    fitted = fitting.fit(system, [experiment], again=True)
+    assert fitted.covariance[0, 0] > 0.0
+    assert fitted.covariance[fitted.names.index("useless"), fitted.names.index("useless")] == 0.0
 
 
 def test_blocks_apart_spread_as_their_own_means():

@@ -196,6 +196,22 @@ def test_a_report_begins_with_a_judgement_of_model_and_loop(section):
     assert verdict(section, None, "").keys() == {"model"}
 
 
+def test_a_loop_in_which_the_network_hardly_answered_is_not_called_its_own(section):
+    layers, rejections = {"exact": 99, "policy": 1}, {"improved by one step": 0.12}
+    run = report.RunSummary(missed=0, measurements=100, share=0.02, layers=layers, rejections=rejections)
+    found = verdict(section, run, "The shipped policy drove it.")["driver"]
+    assert found.grade == "fair"
+    assert "the exact MPC gave 99 % of the answers" in found.words
+    assert "refused 12 %" in found.words
+
+
+def test_a_disturbed_loop_is_not_bad_because_the_ideal_one_is_not_disturbed(section):
+    run = report.RunSummary(missed=0, measurements=9, share=0.2, ratio=4.0, disturbed=["brake [N m]"])
+    found = verdict(section, run, "")["tracking"]
+    assert found.grade == "fair"
+    assert "brake [N m]" in found.words
+
+
 def test_tracking_is_judged_beside_the_ideal_loop(section, model, tmp_path):
     loop = dataclasses.replace(report.closed_loop_section(loop_of(), RIG), ideal={"steps": 0.05, "sine": 0.09})
     run = report.RunSummary.of({}, RIG, section=loop)

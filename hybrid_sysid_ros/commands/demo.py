@@ -210,5 +210,8 @@ def _table(summary: dict[str, Any]) -> Table:
         for record, r2 in identified.get(f"{run}_r2", {}).items():
             table.add_row(f"{run.replace('_', ' ')} R2 {record}", f"{r2:.3f}")
     table.add_row("time of the fit", f"{identified['fit_seconds']:.2g} s")
-    table.add_row("cost, approximate to exact MPC", f"{summary['closed_loop']['cost_ratio_to_exact']:.3f}")
+    table.add_row(
+        "cost of a simulated loop, the network alone to the exact MPC",
+        f"{summary['closed_loop']['cost_ratio_to_exact']:.3f}",
+    )
     return table

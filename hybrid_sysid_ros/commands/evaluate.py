@@ -54,7 +54,7 @@ def command(
     parts = [(record, chosen) for record in records]
     further = [inspect(loaded, parts, described) for inspect in inspections]
     found = [evaluation(loaded, record, described, part=chosen) for record in records]
-    for item in found:
+    for item in found if described.experiments.loops or described.experiments.feedback else ():
         if item.no_loop:
             status.print(f"no closed loop: {item.no_loop}")
     if report is not None:

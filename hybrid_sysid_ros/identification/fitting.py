@@ -231,7 +231,8 @@ def _with_errors(
     priors = problem.prior_covariance(None if anchor is None else anchor.covariance)
     shifts = known_errors(problem, solution.x) if free_runs and horizon is None else None
     inverse, robust = covariances(jacobian, solution.fun, edges, priors=priors, shifts=shifts)
-    robust += spread
+    known = np.diag(inverse) > 0.0
+    robust += spread * np.outer(known, known)  # searches that leave a number where it is say nothing of it
     shared, lag = slice(problem.shared), lag_of_sensors(problem)
     robust[shared, shared] += np.outer(lag, lag)
     data = jacobian[: edges[-1]]

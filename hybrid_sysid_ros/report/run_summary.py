@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,8 @@ class RunSummary:
     """Error over the whole run as a share of the reference's movement; None where the reference does not move."""
     ratio: float | None = None
     """The largest of the tracking errors over those of the ideal loop; None where these are not known."""
+    disturbed: Sequence[str] = ()
+    """What moves the simulated rig that no model knows, with its unit."""
     restarts: int = 0
     """How often the controller was started again: what it counts is of the last one."""
     bag: Path | None = None
@@ -90,6 +92,7 @@ class RunSummary:
             untracked=untracked,
             share=None if section is None else section.share,
             ratio=None if section is None else section.ratio,
+            disturbed=[] if section is None else section.disturbed,
             restarts=controller.get("restarts", 0),
             bag=bag,
             folders={name: f"{folder} (SHA-256 {sha256(folder)[:SEAL]})" for name, folder in (folders or {}).items()},

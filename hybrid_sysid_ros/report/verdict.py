@@ -79,8 +79,11 @@ def _of_tracking(summary: RunSummary) -> Judgement:
         " In the ideal loop the exact MPC controls a plant that is its model, without noise or disturbance, and the "
         "rig's sensors read it."
     )
-    grade = GOOD if summary.ratio <= CLOSE else FAIR if summary.ratio <= FAR else BAD
-    return Judgement(grade if summary.follows else BAD, words)
+    if not summary.follows:
+        return Judgement(BAD, words)
+    if summary.ratio > CLOSE and summary.disturbed:
+        return Judgement(FAIR, f"{words} This one was disturbed, which no model knows: {', '.join(summary.disturbed)}.")
+    return Judgement(GOOD if summary.ratio <= CLOSE else FAIR if summary.ratio <= FAR else BAD, words)
 
 
 def _of_timing(summary: RunSummary) -> Judgement:
@@ -98,8 +101,16 @@ def _of_timing(summary: RunSummary) -> Judgement:
 
 
 def _of_driver(summary: RunSummary, driver: str) -> Judgement:
-    words = _left(summary.failsafe) if summary.failsafe else "It never had to slow down, hold or rest."
-    return Judgement(FAIR if summary.failsafe else GOOD, f"{driver} {words}".strip())
+    words = [driver] if driver else []
+    exact, network = (summary.layers.get(name, 0) for name in ("exact", "policy"))
+    if replaced := summary.rejections and exact > network:
+        answered, rejected = 100.0 * exact / (exact + network), 100.0 * sum(summary.rejections.values())
+        words.append(
+            f"But the exact MPC gave {answered:.3g} % of the answers: the online check refused {rejected:.2g} % of the "
+            "plans that it saw, and after each the network is not asked until it agrees with the exact MPC for a while."
+        )
+    words.append(_left(summary.failsafe) if summary.failsafe else "It never had to slow down, hold or rest.")
+    return Judgement(FAIR if summary.failsafe or replaced else GOOD, " ".join(words))
 
 
 def _left(failsafe: Mapping[str, int]) -> str:

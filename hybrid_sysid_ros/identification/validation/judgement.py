@@ -42,6 +42,8 @@ def judgement(
                 why.append(f"its error is {ratio:.2g} times the sensor's noise{' alone' if ratio <= NOISE else ''}")
         wide = bands.get("0.9", {}).get(name)
         if wide and wide["held"] < HELD:
-            why.append(f"its 90 % band holds {100.0 * wide['held']:.0f} %: the model is too sure of itself")
+            grade = "fair" if grade == "good" else grade
+            held = f"its 90 % band holds {100.0 * wide['held']:.0f} %"
+            why.append(f"{held}: the model is too sure of itself, or the rig was another one")
         found[name] = f"{grade}: {', '.join(why)}"
     return found
