@@ -57,6 +57,7 @@ def loop_tasks(node: ControllerNode) -> list[Task]:
     values = {
         "state": state.word,
         "state_reason": reason,
+        "stops": operation.stops,
         "ready": "; ".join(unready(node)) or "yes",
         **{f"times_{each.word}": times.get(each, 0) for each in LoopState},
         **{f"evidence_{name}": value for name, value in guard.evidence.items()},

@@ -21,15 +21,15 @@ class ControllerMode(Enum):
 class Operation:
     """ControllerMode, arming and the emergency stop, which stays until it is reset, and needs arming after that.
 
-    reason: why the loop may not move, "" where it may. reached, times: the state in which the loop is, and how often it
-    came to each. tell: receives "at rest: WHY" and "may move: HOW", for the operator, and for whoever starts the
-    controller again: one that died at rest stays there, and one that died holding, which has no place to hold any more,
-    comes to rest.
+    reason: why the loop may not move, "" where it may. stops: how often one was asked for. reached, times: the state in
+    which the loop is, and how often it came to each. tell: receives "at rest: WHY" and "may move: HOW", for the
+    operator, and for whoever starts the controller again: one that died at rest stays there, and one that died holding,
+    which has no place to hold any more, comes to rest.
     """
 
     def __init__(self, *, armed: bool, tell: Callable[[str], object] = str) -> None:
         self.armed, self.emergency = armed, False
-        self.reason = "" if armed else "not armed yet"
+        self.reason, self.stops = "" if armed else "not armed yet", 0
         self._tell = tell
         self.begin()
         if not armed:
@@ -50,7 +50,7 @@ class Operation:
         """Take another mode. Raises UserError where the loop is not armed and would have to move."""
         if mode is not ControllerMode.STOP and not self.armed:
             raise UserError(f"the loop is disarmed ({self.reason}): {self._way_back}")
-        self.mode = mode
+        self.mode, self.stops = mode, self.stops + (mode is ControllerMode.STOP)
         self._say("may move" if mode is ControllerMode.DRIVE else "at rest")
 
     def _say(self, which: str) -> None:

@@ -132,7 +132,8 @@ def written(command: Command, words: Vocabulary) -> list[str]:
     if isinstance(command, Wait):
         return [f"wait {command.seconds:.6g}"]
     if isinstance(command, Home):
-        return [" ".join(filter(None, ["home", command.pace]))]
+        said = ["home", command.pace, f"in {command.seconds:.6g}" if command.seconds is not None else ""]
+        return [" ".join(filter(None, said)), *([f"wait {command.hold:.6g}"] if command.hold else [])]
     if isinstance(command, Follow):
         return [f"follow {command.name}"]
     if isinstance(command, Undo):

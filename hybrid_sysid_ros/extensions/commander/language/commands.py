@@ -16,6 +16,9 @@ class Home(Command):
     """All outputs to 0, where the rig works about."""
 
     pace: str = ""
+    seconds: float | None = None
+    hold: float = 0.0
+    """Seconds that they stay there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +131,8 @@ class Condition:
     """[s], where this is all."""
     output: int | None = None
     value: float = 0.0
+    side: float = 0.0
+    """1 where the output has to be above the value, -1 below, 0 where it comes to it from either side."""
 
     @property
     def settled(self) -> bool:

@@ -73,7 +73,7 @@ class Draft:
 
     def home(self, command: Home) -> None:
         goals = tuple(Goal(output=k, value=0.0) for k in self.vocabulary.tracked)
-        self.move(Move(goals=goals, shape="smooth", pace=command.pace))
+        self.move(Move(goals=goals, shape="smooth", pace=command.pace, seconds=command.seconds, hold=command.hold))
 
     def undo(self, command: Undo) -> None:
         """Back to where the parts before began. Raises UserError where that may be one of two places."""

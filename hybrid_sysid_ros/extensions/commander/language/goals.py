@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 BIT = 0.05
 """Of half the set-points' range, by which "up a bit" changes them."""
 
-BEFORE = re.compile(r"^(?:(?:of|de|plus|mais)\s+|\+)+", re.IGNORECASE)
+BEFORE = re.compile(r"^(?:(?:of|de|em|plus|mais)\s+|\+)+", re.IGNORECASE)
 """What may stand before a value, but not behind "to"."""
 
 
@@ -42,7 +42,11 @@ class Goals(Values):
             shown = self.vocabulary.outputs[output]
             found = [Goal(output=output, value=sign * BIT * 0.5 * (shown.high - shown.low), relative=True)]
             self.clause.bit = ""
-        self.clause.directions = []
+        if not found and self.clause.full_speed and (speeds := self.vocabulary.of_kind("speed")):
+            output = self.only(self.clause.targets or speeds, self.clause.full_speed)
+            found = [self.turned(Goal(output=output, value=self.vocabulary.outputs[output].high), sign)]
+            self.clause.full_speed = ""
+        self.clause.directions, self.clause.sense = [], None
         if not found:
             raise UserError(f"{self.verb} to where? say for example '{self.verb} to 1 {self.example}'")
         if self.clause.bit and found:
@@ -76,7 +80,23 @@ class Goals(Values):
         if relative and sign and item.value < 0.0:
             raise UserError(f"{item.text}: a direction and a sign contradict one another: leave one out")
         value = (sign or 1.0 if relative else 1.0) * self.value(item, output, relative)
-        return Goal(output=output, value=value, relative=relative, toward=sign)
+        return self.turned(Goal(output=output, value=value, relative=relative, toward=sign), sign)
+
+    def turned(self, goal: Goal, sign: float) -> Goal:
+        """A speed with the sense that was said. Raises UserError where that says nothing."""
+        if (sense := self.clause.sense) is None:
+            return goal
+        output = self.vocabulary.outputs[goal.output]
+        from_rest = output.name not in self.vocabulary.rig.system.operating_point
+        if (
+            sign
+            or goal.relative
+            or goal.value < 0.0
+            or not from_rest
+            or goal.output not in self.vocabulary.of_kind("speed")
+        ):
+            raise UserError(f"{sense.text!r}: directions are up and down, or a sign: say 'to' a value with its sign")
+        return replace(goal, value=-goal.value) if sense.value == "backwards" else goal
 
     def open(self, item: Quantity, output: int) -> bool:
         """Whether a bare value could be a place or a change: behind a verb of moving, or with a plus."""

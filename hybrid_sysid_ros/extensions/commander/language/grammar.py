@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, clauses
+from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
 from hybrid_sysid_ros.extensions.commander.language.commands import Command, Condition, Move, Repeat, Sentence, Wait
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
+from hybrid_sysid_ros.extensions.commander.language.matcher import clauses
 from hybrid_sysid_ros.extensions.commander.language.meanings import Meaning
-from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, stop_in
+from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, says_more, stop_in
 from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
 from hybrid_sysid_ros.extensions.commander.language.values import Values
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.extensions.shared.units import TIME
 from hybrid_sysid_ros.support.errors import UserError
 
+SWUNG = ("amplitude", "peak_to_peak", "frequency", "period")
 CARRIED = ("go", "hold", "ramp", "step", "follow")
 """Verbs that count for the next part, too, where it has a value and no verb."""
 
@@ -42,7 +46,7 @@ def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sente
     if not understood:
         found = refusals[_language(text, vocabulary)]
         if said:
-            why = str(found) if isinstance(found, DoubtfulTimeError) else ""
+            why = str(found) if isinstance(found, DoubtfulTimeError) or says_more(text) else ""
             return Sentence(text=text, commands=(), stops=True, why=why)
         raise _foreign(found, text, vocabulary) if isinstance(found, UnknownWordError) else found
     if any(other != understood[0] for other in understood):
@@ -80,11 +84,13 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
     """The clauses up to the first condition, and behind it those that wait for it."""
     commands: list[Command] = []
     for k, clause in enumerate(found):
-        if k and not clause.verbs and any(item.role in ("", "at") for item in clause.quantities):
-            clause.verbs += _carried(commands, found[k - 1])
+        if not clause.verbs and any(_is_bare(item, clause, vocabulary, first=not k) for item in clause.quantities):
+            clause.verbs += _carried(commands, found[:k])
         verbs = [symbol.value for symbol in clause.verbs]
         if clause.condition is not None or (clause.delay is not None and not commands):
-            until = clause.condition is not None and clause.condition[0] == "until"
+            until, already = (
+                clause.condition is not None and clause.condition.when == when for when in ("until", "if")
+            )
             condition = _condition(clause, vocabulary)
             waits = verbs in ([], ["wait"]) and _alone(clause)
             if until and not waits:
@@ -93,6 +99,10 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
             if not rest:
                 raise UserError("and then what? say for example 'once it is still, go to 0'")
             later = _stage(text, rest, vocabulary, files)
+            if already and not later.is_stop:
+                raise UserError(
+                    "if it is so now, or as soon as it is? say 'when it goes above' or 'below', or leave it out"
+                )
             return Sentence(text=text, commands=tuple(commands), condition=condition, later=later)
         if clause.delay is not None:
             seconds = Values(clause, vocabulary).delay()
@@ -103,7 +113,7 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
                 )
             commands.append(Wait(seconds=seconds))
         if "halt" in verbs:
-            if clause.here or clause.quantities:
+            if clause.quantities or (clause.here and commands):
                 commands.append(_arrival(clause))
                 continue
             if k == 0 and not commands:
@@ -114,18 +124,40 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
                 raise UserError("'stop' works at once: let it stand alone, or at the end")
             return Sentence(text=text, commands=tuple(commands), stops=True)
         if not (clause.delay is not None and _alone(clause) and not verbs):
-            commands.append(Meaning(clause, vocabulary, files, behind=_acts(commands)).command())
+            meaning = Meaning(clause, vocabulary, files, behind=_acts(commands))
+            commands += [meaning.command()] * meaning.times
+        if clause.each is not None:
+            commands = _held(commands, clause.each, Values(clause, vocabulary).time(clause.each))
     return Sentence(text=text, commands=tuple(commands))
 
 
-def _carried(commands: Sequence[Command], before: Clause) -> list[Symbol]:
+def _is_bare(item: Quantity, clause: Clause, vocabulary: Vocabulary, *, first: bool) -> bool:
+    """Whether a value needs no verb: it measures an output ("60 rpm"), or goes on with what the part before does."""
+    if item.kind in SWUNG or item.role not in ("", "at"):
+        return False
+    own = (unit for k in vocabulary.tracked for unit in vocabulary.units_of(k))
+    measures = item.unit is not None and any(map(item.unit.alike, own))
+    return not first or (measures and (item.role == "" or clause.addressed or clause.sense is not None))
+
+
+def _carried(commands: Sequence[Command], before: Sequence[Clause]) -> list[Symbol]:
     """The verbs of a part that count for the next one, too, as in "hold 1 m, then 2 m". After "up 1 m" the next value
     could be a change or a place, so there is none.
     """
     last = commands[-1] if commands else None
-    if not isinstance(last, Move) or any(goal.relative or goal.share for goal in last.goals):
+    absolute = isinstance(last, Move) and not any(goal.relative or goal.share for goal in last.goals)
+    if commands and not absolute:
         return []
-    return [symbol for symbol in before.verbs if symbol.value in CARRIED] or [Symbol("V", "go", "go")]
+    carried = [symbol for symbol in before[-1].verbs if symbol.value in CARRIED] if before else []
+    return carried or [Symbol("V", "go", "go")]
+
+
+def _held(commands: Sequence[Command], each: Quantity, seconds: float) -> list[Command]:
+    """Moves with as long a hold each. Raises UserError where there are not several, or one has its own."""
+    moves = [command for command in commands if isinstance(command, Move) and not command.hold]
+    if len(moves) < max(2, len(commands)) or each.base != TIME:
+        raise UserError(f"{each.text!r} of what? say 'for 2 s' behind each value")
+    return [replace(move, hold=seconds) for move in moves]
 
 
 def _acts(commands: Sequence[Command]) -> bool:
@@ -155,7 +187,7 @@ def _condition(clause: Clause, vocabulary: Vocabulary) -> Condition:
         found = Condition(delay=meaning.delay())
         clause.delay = None
         return found
-    _, reached = clause.condition
+    _, reached, side = clause.condition
     if clause.delay is not None:
         raise UserError("a delay and a condition contradict one another: leave one out")
     clause.condition = None
@@ -169,4 +201,4 @@ def _condition(clause: Clause, vocabulary: Vocabulary) -> Condition:
             f"{shown.name} never reaches {value:.4g} {shown.unit}: "
             f"give a value from {low:.4g} to {high:.4g} {shown.unit}"
         )
-    return Condition(output=output, value=value)
+    return Condition(output=output, value=value, side=side)

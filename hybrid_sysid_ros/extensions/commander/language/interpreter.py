@@ -158,13 +158,15 @@ class Interpreter:
         condition = sentence.condition
         assert condition is not None
         along = plan.values[:, condition.output] - condition.value
-        return ", which the plan does not reach" if along.min() > 0.0 or along.max() < 0.0 else ""
+        met = (condition.side * along >= 0.0).any() if condition.side else along.min() <= 0.0 <= along.max()
+        return "" if met else ", which the plan does not reach"
 
     def awaited(self, condition: commands.Condition) -> str:
         """A condition in words."""
         if condition.output is not None:
             output = self.vocabulary.outputs[condition.output]
-            return f"once {output.name} reaches {condition.value:.4g} {output.unit}, within {PATIENCE:g} s"
+            comes = {0.0: "reaches", 1.0: "is above", -1.0: "is below"}[condition.side]
+            return f"once {output.name} {comes} {condition.value:.4g} {output.unit}, within {PATIENCE:g} s"
         return f"after {condition.delay:.4g} s" if condition.delay else f"once nothing moves, within {PATIENCE:g} s"
 
     def rehearse(self, text: str, start: Start | None = None, reference: Array | None = None) -> Reply:

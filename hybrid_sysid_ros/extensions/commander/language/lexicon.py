@@ -22,15 +22,19 @@ ROLES = {
     "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "within": "L",
     "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J", "here": "H",
     "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X", "highest": "x",
-    "smoothly": "c", "want": "w", "to_or_at": "T",
+    "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d",
+    "as_fast": "g",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {
     "position": "K", "angle": "K", "speed": "K", "height": "K", "value": "K", "amplitude": "a", "peak_to_peak": "k",
     "frequency": "f", "period": "q",
 }  # fmt: skip
-SHARES = {"half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "double": 2.0, "triple": 3.0}
-CONDITION = ("once", "if", "until", "settled", "it_is", "reaches")
+SHARES = {
+    "half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "two_thirds": 2.0 / 3.0, "three_quarters": 0.75,
+    "double": 2.0, "triple": 3.0,
+}  # fmt: skip
+CONDITION = ("once", "if", "until", "settled", "it_is", "reaches", "becomes", "above", "below")
 """Parts of a condition, which mean nothing apart."""
 
 
@@ -59,11 +63,13 @@ class Lexicon:
             self._enter(found, category, ((letter, category),))
         for category, factor in SHARES.items():
             self._enter(found, category, (("S", factor),))
-        for category, factor in {"halve": 0.5, "doubled": 2.0, "reversed": -1.0}.items():
+        for category, factor in {"halve": 0.5, "doubled": 2.0, "tripled": 3.0, "reversed": -1.0}.items():
             self._enter(found, category, (("V", "go"), ("S", factor)))
         for category in VERBS:
             self._enter(found, category, (("V", category),))
-        self._enter(found, "back", (("y", "displace"), ("V", "back")))
+        self._enter(found, "over_to", (("V", "go"), ("T", "to")))
+        self._enter(found, "level", (("n", "position"), ("V", "home")))
+        self._enter(found, "back", (("y", "change"), ("V", "back")))
         for category in ("displace", "change"):
             self._enter(found, category, (("y", category), ("V", "go")))
         for category in ("step", "ramp"):
@@ -84,7 +90,8 @@ class Lexicon:
         self._enter(found, "then", ((";", "then"),))
         for reason, phrases in self.table["refuse"].items():
             for phrase in phrases:
-                found[tuple(folded(phrase).split())] = (("!", reason),)
+                words = tuple(folded(phrase).split())
+                found[words] = (("!", reason), *(each for each in found.get(words, ()) if each[0] in "VU"))
         return found
 
     def _enter(self, found: dict[tuple[str, ...], Any], category: str, meaning: Any) -> None:
@@ -96,7 +103,7 @@ class Lexicon:
         """Phrases of conditions and of other words that are looked for in their place only."""
         return {
             category: frozenset(tuple(folded(phrase).split()) for phrase in self.table.get(category, ()))
-            for category in (*CONDITION, "articles", "point", "and_a_half", "object")
+            for category in (*CONDITION, "articles", "point", "and_a_half", "object", "to")
         }
 
     @cached_property

@@ -27,7 +27,7 @@ class Meaning(Goals):
     def __init__(self, clause: Clause, vocabulary: Vocabulary, files: Files, *, behind: bool = False) -> None:
         """behind: that other commands go before, so that "there" is where they lead."""
         super().__init__(clause, vocabulary)
-        self.behind = behind
+        self.behind, self.times = behind, 1
         self.files = files
         if len(set(clause.paces)) > 1:
             raise UserError(f"{' and '.join(clause.paces)} contradict one another: leave one out")
@@ -36,6 +36,12 @@ class Meaning(Goals):
     def _verb(self) -> str:
         clause = self.clause
         found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
+        if (
+            "back" in found
+            and not clause.directions
+            and any(item.role == "by" for item in (*self.left, *clause.shares))
+        ):
+            raise UserError(f"back by how much is up or down? say 'up 1 {self.example}' or 'down 1 {self.example}'")
         if "repeat" in found and len(found) > 1 and self.left:
             found.remove("repeat")
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
@@ -50,12 +56,18 @@ class Meaning(Goals):
             found = ["back"]
         if found == ["back"]:
             found = ["undo" if self._alone() else "go"]
-        if found == ["follow"] and not clause.names and (self.left or clause.directions or clause.comparatives):
-            found = ["go"]  # "run at 100 rpm"
+        if found == ["follow"] and not clause.names and not self._alone():
+            found, clause.displacing = ["go"], clause.verbs[-1]  # "run at 100 rpm", "fly 100 m"
         if not found and clause.names:
             found = ["look" if is_picture(clause.names[0]) else "follow"]
+        if (
+            not found
+            and any(item.base == FREQUENCY for item in self.left)
+            and any(item.role in ("plus_minus", "between") for item in self.left)
+        ):
+            found = ["swing"]
         if not found and (
-            clause.directions or clause.comparatives or clause.targets or clause.shares
+            clause.directions or clause.comparatives or clause.targets or clause.shares or clause.full_speed
             or any(item.role in ("to", "range") for item in self.left) or self._said()
         ):  # fmt: skip
             found = ["go"]
@@ -74,7 +86,7 @@ class Meaning(Goals):
         clause = self.clause
         return not (
             self.left or clause.directions or clause.comparatives or clause.targets or clause.shares or clause.names
-            or clause.nouns or clause.here
+            or clause.nouns or clause.here or clause.full_speed
         )  # fmt: skip
 
     def _said(self) -> bool:
@@ -85,7 +97,7 @@ class Meaning(Goals):
     def command(self) -> commands.Command:
         """What the clause asks for."""
         makers: Mapping[str, Callable[[], commands.Command]] = {
-            "home": lambda: commands.Home(pace=self.pace), "repeat": self.repeat,
+            "home": self.home, "repeat": self.repeat,
             "undo": lambda: commands.Undo(pace=self.pace), "wait": self.wait, "follow": self.follow, "look": self.look,
             "swing": self.swing, "square": self.swing, "toggle": self.swing,
             "triangle": self.swing, "chirp": self.swing, "step": self.step,
@@ -106,7 +118,10 @@ class Meaning(Goals):
         if clause.paces and not getattr(made, "pace", ""):
             raise UserError(f"{self.verb} can't be {clause.paces[0]} here: give its time or frequency alone")
         said = [share.text for share in clause.shares] + [text for *_, text in clause.comparatives]
-        said += [symbol.text for symbol in clause.directions] + clause.nouns + [clause.bit, clause.here]
+        said += (
+            [symbol.text for symbol in clause.directions] + clause.nouns + [clause.bit, clause.here, clause.full_speed]
+        )
+        said += [clause.sense.text] if clause.sense else []
         said += ["smoothly"] if clause.smoothly and getattr(made, "shape", "smooth") != "smooth" else []
         for text in filter(None, said):
             raise UserError(f"{text!r} has no meaning with {self.verb} here: leave it out")
@@ -118,19 +133,33 @@ class Meaning(Goals):
 
     def repeat(self) -> commands.Command:
         """Once, or so many times; behind other commands that could mean these, too."""
+        times = self.count()
+        if self.behind:
+            raise UserError(
+                "repeat these parts, or what was carried out before? say 'repeat' alone, or the parts again"
+            )
+        return commands.Repeat(pace=self.pace, times=times)
+
+    def count(self) -> int:
+        """How often. Raises UserError where that is not from 1 to MOST."""
         count = self.take(lambda item: item.base == COUNT)
         twice = [
             share for share in self.clause.shares if share.factor in (2.0, 3.0) and not share.of and not share.role
         ]
         self.clause.shares = [share for share in self.clause.shares if share not in twice]
         times = count.value if count is not None else twice[0].factor if twice else 1.0
-        if self.behind:
-            raise UserError(
-                "repeat these parts, or what was carried out before? say 'repeat' alone, or the parts again"
-            )
         if not (times.is_integer() and 1.0 <= times <= MOST):
-            raise UserError(f"repeat {times:g} times: give a whole number from 1 to {MOST}")
-        return commands.Repeat(pace=self.pace, times=int(times))
+            raise UserError(f"{self.verb} {times:g} times: give a whole number from 1 to {MOST}")
+        return int(times)
+
+    def home(self) -> commands.Command:
+        """All outputs; a name is allowed where it is of all."""
+        seconds, hold = self.seconds("in", "within"), self.seconds("for")
+        if self.pace and seconds:
+            raise UserError(f"{self.pace} and a time contradict one another: leave one out")
+        if {k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves} <= {*self.clause.targets}:
+            self.clause.targets = []
+        return commands.Home(pace=self.pace, seconds=seconds, hold=hold or 0.0)
 
     def wait(self) -> commands.Command:
         seconds = self.seconds("", "for", "at", "in")
@@ -144,7 +173,7 @@ class Meaning(Goals):
         if len(names) != 1:
             own = ", ".join(self.vocabulary.rig.references) or "none"
             raise UserError(f"follow what? name one file of columns (FILE.csv), or a reference of the rig: {own}")
-        name = names.pop()
+        name, self.times = names.pop(), self.count()
         return commands.Follow(
             name=name, path=None if name in self.vocabulary.rig.references else self.files.find(name)
         )
@@ -251,12 +280,12 @@ class Meaning(Goals):
             raise UserError(f"{noun} to what? say for example 'swing with an amplitude of 1 {self.example} at 0.5 Hz'")
         if share is not None:
             factor = share.factor if share.role != "by" else 1.0 + (sign or 1.0) * share.factor
-            return self.times(noun, factor)
+            return self.multiplied(noun, factor)
         assert quantity is not None
         relative = quantity.role == "by" or (sign != 0.0 and quantity.role == "")
         if quantity.base == PERCENT:
             factor = 0.01 * quantity.value
-            return self.times(noun, 1.0 + (sign or 1.0) * factor if relative else factor)
+            return self.multiplied(noun, 1.0 + (sign or 1.0) * factor if relative else factor)
         if noun == "period":
             if quantity.base != TIME or relative:
                 raise UserError(f"{quantity.text!r}: say how long a period is to be, as in 'set the period to 4 s'")
@@ -270,7 +299,7 @@ class Meaning(Goals):
             noun=noun, value=(sign or 1.0) * value if relative else value, how="by" if relative else "to"
         )
 
-    def times(self, noun: str, factor: float) -> commands.Adjust:
+    def multiplied(self, noun: str, factor: float) -> commands.Adjust:
         """So many times the noun; of a period the frequency is as much less. Raises UserError for a factor of 0."""
         if noun == "period" and factor <= 0.0:
             raise UserError("a period of 0 is none: say half, or how long it is to be")

@@ -13,29 +13,36 @@ from hybrid_sysid_ros.support.errors import UserError
 def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
     """Symbols between marks, "then", with which a part may begin, and an "and" or a comma before a verb."""
     made: list[list[Symbol]] = [[]]
+    listed = re.search("Qe(?!Q)|eR", "".join(symbol.kind for symbol in found)) is not None
     for k, symbol in enumerate(found):
         following = found[k + 1].kind if k + 1 < len(found) else ""
         before = "".join(each.kind for each in made[-1])
         if symbol.kind == "!":
             raise UserError(f"{symbol.text!r}: {symbol.value}")
+        if symbol.text == "?" and before and not re.search("[VUwyMZz]", before):
+            raise UserError("is that a question, or a command? say it with a verb, as in 'go to' or 'hold'")
         if symbol.text == ":" and [each.value for each in made[-1]] == ["repeat"]:
             raise UserError(
                 "repeat what follows, or what was carried out before? say 'repeat' alone, or the parts twice"
             )
         if _waits(made[-1], symbol, following):
             made.append([symbol])
-        elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :])):
+        elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :], listed)):
             made.append([symbol] if symbol.value == "then" else [])
         elif symbol.kind != ",":
             made[-1].append(symbol)
     return [part for part in made if part]
 
 
-def _begins(before: str, following: str, rest: Sequence[Symbol]) -> bool:
-    """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then."""
+def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -> bool:
+    """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then;
+    listed: that values last so long each.
+    """
+    if re.search("U.*Q|Q.*U", before) and re.match("[KO]+o?U", "".join(symbol.kind for symbol in rest)):
+        return True  # "height up 100 m, speed down 10 m/s"
     if following in ("V", "y", ";"):
         return any(letter in "VUOKTMu" for letter in before)
-    if re.search("Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
+    if re.search("Q$" if listed else "Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return _is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import SHARES, Lexicon, Symbol
@@ -14,8 +15,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 SMALLEST, LARGEST = 1e-12, 1e12
 """Of a number but 0: beyond lies nothing that a rig reaches, and arithmetic ends."""
-THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}\.\d{3}")
-"""1.500 means 1500 where decimals have a comma."""
+THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
+"""1.500 means 1500 where decimals have a comma, and 1,500 where they have a point."""
 
 
 class Token(NamedTuple):
@@ -50,7 +51,11 @@ class QuantityReader:
                 raise UserError("two signs before a number: write one")
             sign, self.at = signs[self.word()], self.at + 1
         token = self.tokens[self.at]
-        if token.kind == "number":
+        if share := self.share_of_a_unit():  # before "one", which "one half" begins with
+            value = share
+        elif self.longest(self._parts_of_one) or self.longest(self._verbs_of_numbers):
+            return None  # "two thirds of its present value", "zero it"
+        elif token.kind == "number":
             value = self.digits(token.text)
             if sign and value < 0.0:
                 raise UserError(f"two signs before {abs(value):g}: write one")
@@ -63,8 +68,6 @@ class QuantityReader:
             value = self.spelled()
         elif self.article_for_one():
             value = 1.0
-        elif share := self.share_of_a_unit():
-            value = share
         else:
             self.at = start
             return None
@@ -81,10 +84,10 @@ class QuantityReader:
         return Symbol("Q", (value, unit), " ".join(token.text for token in self.tokens[start : self.at]))
 
     def digits(self, text: str) -> float:
-        if "," in text and self.lexicon.table["decimal"] != ",":
-            raise UserError("a comma between digits: write decimals with a point, as in 1.5")
-        if self.lexicon.table["decimal"] == "," and THOUSANDS.fullmatch(text):
-            raise UserError(f"{text}: {text.replace('.', ',')} ou {text.replace('.', '')} (which)? diga um dos dois")
+        decimal = self.lexicon.table["decimal"]
+        if decimal not in text and THOUSANDS.fullmatch(text):
+            either = f"{re.sub('[.,]', decimal, text)} or {re.sub('[.,]', '', text)}"
+            raise UserError(f"{text}: {either}? say one of the two (diga um dos dois)")
         return float(text.replace(",", "."))
 
     def _spelled(self) -> set[tuple[str, ...]]:
@@ -134,17 +137,30 @@ class QuantityReader:
 
     def share_of_a_unit(self) -> float:
         """Half of "half a metre" or "a quarter turn", which is taken; 0 where there is none."""
-        start = self.at
-        for category in ("half", "third", "quarter"):
-            phrases = {tuple(phrase.split()) for phrase in self.lexicon.table[category]}
-            if count := self.longest(phrases):
-                self.at += count + self.longest(self.lexicon.parts["articles"], skip=count)
-                if self.longest(self.lexicon.units) or (
-                    self.at < len(self.tokens) and self._unit_at(self.at) is not None
-                ):
-                    return SHARES[category]
-                self.at = start
+        start, count = self.at, self.longest(self._parts_of_one)
+        if not count:
+            return 0.0
+        share = self._parts_of_one[tuple(self.words[start : start + count])]
+        self.at += count + self.longest(self.lexicon.parts["articles"], skip=count)
+        if self.longest(self.lexicon.units) or (self.at < len(self.tokens) and self._unit_at(self.at) is not None):
+            return share
+        self.at = start
         return 0.0
+
+    @property
+    def _parts_of_one(self) -> Mapping[tuple[str, ...], float]:
+        """Half, a third ... by their phrases."""
+        shares = {name: share for name, share in SHARES.items() if share < 1.0}
+        return {tuple(text.split()): share for name, share in shares.items() for text in self.lexicon.table[name]}
+
+    @property
+    def _verbs_of_numbers(self) -> Sequence[tuple[str, ...]]:
+        """Phrases of verbs that begin with a number."""
+        return [
+            words
+            for words, meanings in self.lexicon.meanings.items()
+            if len(words) > 1 and words[0] in self.lexicon.table["numbers"] and ("V", "home") in meanings
+        ]
 
     def spelled(self) -> float:
         """A number in words: "two hundred and fifty", "minus one point five"."""

@@ -25,6 +25,9 @@ class _Patterns(NamedTuple):
     emergency: re.Pattern[str]
     stop: re.Pattern[str]
     not_stop: re.Pattern[str]
+    not_emergency: re.Pattern[str]
+    more: re.Pattern[str]
+    motionless: re.Pattern[str]
     slips: frozenset[str]
     whole: frozenset[str]
     """Those whose slips these are."""
@@ -32,13 +35,22 @@ class _Patterns(NamedTuple):
 
 
 def stop_in(text: str) -> str:
-    """EMERGENCY, STOP, or "" for a text that says neither, or says "don't" before."""
+    """EMERGENCY, STOP, or "" for a text that says neither, or says "don't" before. An emergency that is negated stops,
+    since it is in doubt, and does not latch.
+    """
     patterns = _patterns()
     said = _normalised(text, patterns)
-    said = patterns.not_stop.sub(" ", said)
+    said = patterns.not_stop.sub(" ", patterns.not_emergency.sub(f" {STOP} ", said))
     if patterns.emergency.search(said):
         return EMERGENCY
     return STOP if patterns.stop.search(said) or patterns.slips & set(said.split()) else ""
+
+
+def says_more(text: str) -> bool:
+    """Whether a text that says stop says a value, a condition or a "not" beside it."""
+    patterns = _patterns()
+    said = patterns.motionless.sub(" ", _normalised(text, patterns))
+    return any(letter.isdigit() for letter in text) or patterns.more.search(said) is not None
 
 
 def folded(text: str) -> str:
@@ -61,9 +73,10 @@ def _normalised(text: str, patterns: _Patterns) -> str:
 
 
 def _apart(text: str) -> str:
-    """Plain, with "d'urgence" and "not-aus" in two words, and "s.t.o.p" in letters."""
+    """Plain: "d'urgence" in two words, "Not-Halt" in one, "s.t.o.p" in letters, and "st0p" with its letter."""
+    text = re.sub(r"\bnot-(?=\w{3})", "not", text, flags=re.IGNORECASE)
     split = re.sub(r"\b([dlnst])['\u2019](?=\w{2})", r"\1 ", text, flags=re.IGNORECASE)
-    return re.sub(r"(?<=\b[a-z])[.-](?=[a-z]\b)", " ", folded(split))
+    return re.sub(r"(?<=\b[a-z])[.-](?=[a-z]\b)", " ", re.sub(r"(?<=[a-z])0(?=[a-z])", "o", folded(split)))
 
 
 def _joined(word: str) -> str:
@@ -92,11 +105,16 @@ def _patterns() -> _Patterns:
     stop = rf"(?<= )(?:{anywhere}|{motionless})|(?:^ |\| ){edge}|(?<= ){edge}(?:$|\|)|^ (?:\| )*(?:{alone}(?:\| )*)+$"
     unless = {kind: _any(words) for kind, words in table["unless"].items()}
     before, whole = rf"{unless['before']}(?:{unless['between']})?", unless["whole"]
-    not_stop = rf"(?<= )(?:{before}(?:{emergency}|{anywhere}|{edge})|(?:no|nao) {unless['with_no']}|{whole})"
+    not_stop = rf"(?<= )(?:{before}(?:{anywhere}|{edge})|(?:no|nao) {unless['with_no']}|{whole})"
     return _Patterns(
         emergency=re.compile(rf"(?<= ){emergency}"),
         stop=re.compile(stop),
         not_stop=re.compile(not_stop),
+        not_emergency=re.compile(
+            rf"(?<= )(?:{before}|{_any(table['not_an'])})(?:{_any(['press', 'hit', 'push', 'use'])})?{emergency}"
+        ),
+        more=re.compile(rf"(?<= ){_any(table['more'])}"),
+        motionless=re.compile(rf"(?<= ){motionless}"),
         slips=frozenset(slip for word in table["slips"] for slip in _slips(word) if len(slip) >= SHORTEST) - {"step"},
         whole=frozenset(table["slips"]),
         articles=frozenset(table["articles"]),

@@ -27,6 +27,9 @@ TOKEN = re.compile(
 TIMED = "wait|pause|hold|stay|in|within|for|after|every|over|of|half|just|about|takes?|then|and"
 """Words after which "a second" is a time, and no rate."""
 PHRASES = (
+    (re.compile(r"(?<=\d)½"), ".5"),
+    (re.compile(r"½"), "0.5"),
+    (re.compile(r"\.{3,}|\.{2}(?=\s|$)"), ", "),
     (re.compile(r"\b(?:times\s+(?:a|per|every)\s+sec(?:ond)?|vez(?:es)?\s+por\s+segundo)\b", re.I), " Hz "),
     (
         re.compile(r"\b(?:(once)|twice)\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I),
@@ -41,14 +44,14 @@ PHRASES = (
     (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
     (re.compile(r"(?<=\d)(?=[^\W\d_])(?![eE][+-]?\d)"), " "),
 )
-"""What is written in several words, and units that touch their number."""
+"""What is written in several words, dots of somebody who thinks, and units that touch their number."""
 BAND = re.compile(r"(?<=\d)\s*-\s*(?=\d+(?:[.,]\d+)?\s*[km]?Hz\b)")
 PEAK_TO_PEAK = re.compile(r"(?<=\d)\s*([^\W\d_]{1,3})\s*(?:pp|p-p)\b")
 """As in "0.1-2 Hz" and "3 Vpp": they stand for a word of the language."""
 LOOKALIKES = str.maketrans(
     {
         **{"\u2212": "-", "\u2013": "-", "\u2014": ",", "\u2019": "'", "\u00ba": "°", "\u03bc": "µ"},
-        **{"\t": " ", "\u00bf": " ", "\u00a1": " ", "\u2026": "."},
+        **{"\t": " ", "\u00bf": " ", "\u00a1": " ", "\u2026": ", "},
     }
 )
 """Minus, dashes, apostrophe, ordinal, Greek mu and Spanish marks, as editors and phones write them."""
@@ -160,16 +163,18 @@ class _Reader(QuantityReader):
         words = self.words[self.at :]
         if self.condition():
             return
-        own, count = self.vocabulary.longest(words, self.lexicon), self.longest(self.lexicon.meanings)
+        own, count = (
+            self.vocabulary.longest(words, self.lexicon),
+            self._without_sign(self.longest(self.lexicon.meanings)),
+        )
         text = self.tokens[self.at].text
-        before = next((symbol.kind for symbol in reversed(self.found) if symbol.kind not in ","), "")
         if text in self.vocabulary.rig.references and self._asks_to_follow():
             self.at += 1
             self.found.append(Symbol("G", text, text))
         elif (
             own is not None
             and (own[0] >= count or own[1].kind == "O")
-            and not (count and self._verb_here(own[1], before))
+            and not (count and own[1].kind == "!" and self._verb_here())
         ):
             self.at += own[0]
             self.found.append(own[1])
@@ -183,14 +188,28 @@ class _Reader(QuantityReader):
         else:
             raise UnknownWordError(text, ())
 
+    def _without_sign(self, count: int) -> int:
+        """How many of so many words are a phrase here: "a menos" says less, but "a menos cem rpm" goes to -100 rpm."""
+        words = tuple(self.words[self.at : self.at + count])
+        if count < 2 or words[-1] not in self.lexicon.table["signs"] or self.lexicon.meanings[words][0][0] != "U":
+            return count
+        at, self.at = self.at, self.at + count - 1
+        signed, self.at = self._number_follows(), at
+        return count - 1 if signed else count
+
     def mean(self, meanings: Sequence[tuple[str, Any]], said: str) -> None:
-        """Note what a phrase means. "Climb" names the height and "accelerate" a speed, where there is one. Raises
-        UserError for a phrase that no command has, before others that nobody knows.
+        """Note what a phrase means. "Climb" names the height and "accelerate" a speed, where there is one, and what
+        says "level" needs a position. Raises UserError for a phrase that no command has, before others that nobody
+        knows; "gain" is one, but not in "gain 100 m".
         """
-        for kind, reason in meanings:
+        gains = len(meanings) > 1 and self._verb_here() and self._number_follows()
+        for kind, reason in meanings if not gains else ():
             if kind == "!":
                 raise UserError(f"{said!r}: {reason}")
-        self.found += [Symbol(kind, value, said) for kind, value in meanings if kind != "h"]
+        for noun in [value for kind, value in meanings if kind == "n"]:
+            if not self.vocabulary.of_kind(noun):
+                raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
+        self.found += [Symbol(kind, value, said) for kind, value in meanings if kind not in "hn!"]
         for noun in [value for kind, value in meanings if kind == "h"]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
 
@@ -206,12 +225,11 @@ class _Reader(QuantityReader):
         verbs = [symbol.value for symbol in self.found if symbol.kind == "V"]
         return bool(verbs) and verbs[-1] == "follow"
 
-    def _verb_here(self, own: Symbol, before: str) -> bool:
+    def _verb_here(self) -> bool:
         """Whether a word that names an input, too, is a verb: it begins the clause."""
-        return (
-            own.kind == "!"
-            and before in ("", ";", "j")
-            and any(kind == "V" for kind, _ in self.lexicon.meanings.get((self.word(),), ()))
+        before = next((symbol.kind for symbol in reversed(self.found) if symbol.kind not in ","), "")
+        return before in ("", ";", "j") and any(
+            kind == "V" for kind, _ in self.lexicon.meanings.get((self.word(),), ())
         )
 
     def _noun(self, skip: int) -> tuple[int, list[Symbol]]:
@@ -225,34 +243,52 @@ class _Reader(QuantityReader):
         return count if named else 0, named
 
     def condition(self) -> bool:
-        """A condition such as "once it is still" or "when it reaches 3 m"."""
+        """A condition such as "once it is still", "when it reaches 3 m" or "if the height drops below 3 m"."""
         parts = self.lexicon.parts
-        count = self.longest(parts["once"])
-        if not count:
+        begin = self.longest(parts["once"])
+        if not begin or self.longest(self.lexicon.meanings) > begin:  # "once more"
             return False
-        start, begin = " ".join(self.words[self.at : self.at + count]), count
-        named: list[Symbol] = []
+        words = tuple(self.words[self.at : self.at + begin])
+        start, when = " ".join(words), next((kind for kind in ("until", "if") if words in parts[kind]), "once")
+        count, named, event = self._subject(begin)
+        settled = 0 if when == "if" else self.longest(parts["settled"], skip=count)
+        (at_once, side), (later, other) = self._relation(begin), self._relation(count, event=event)
+        if settled and count + settled >= max(begin + at_once, count + later):
+            self.at += count + settled
+            self.found.append(Symbol("Z", (when, 0.0), f"{start} it is still"))
+            return True
+        if at_once or later:
+            self.at += begin + at_once if at_once else count + later
+            side = side if at_once else other
+            when = "once" if when == "if" and (event or not side) else when
+            self.found += [Symbol("z", (when, side), start), *([] if at_once else named[:1])]
+            return True
+        if words in self.lexicon.meanings:
+            return False
+        raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1' or 'in 5 s'")
+
+    def _subject(self, count: int) -> tuple[int, list[Symbol], bool]:
+        """How many words there are with those that say of what a condition is, which output, and whether it becomes so,
+        as in "the height drops".
+        """
+        parts, named, event = self.lexicon.parts, list[Symbol](), False
         for _ in range(3):
             count += max(self.longest(parts[kind], skip=count) for kind in ("it_is", "articles", "object"))
             more, nouns = self._noun(count)
             count, named = count + more, named + nouns
-        when = "until" if tuple(start.split()) in parts["until"] else "once"
-        if self.longest(self.lexicon.meanings) > begin:
-            return False  # "once more"
-        reaches = max(self.longest(parts["reaches"], skip=begin), self.longest(parts["reaches"], skip=count))
-        settled = 0 if tuple(start.split()) in parts["if"] else self.longest(parts["settled"], skip=count)
-        if settled and settled >= reaches:
-            self.at += count + settled
-            self.found.append(Symbol("Z", when, f"{start} it is still"))
-            return True
-        if reaches:
-            at_once = self.longest(parts["reaches"], skip=begin)
-            self.at += (begin if at_once else count) + reaches
-            self.found += [Symbol("z", when, start), *([] if at_once else named[:1])]
-            return True
-        if tuple(self.words[self.at : self.at + begin]) in self.lexicon.meanings:
-            return False
-        raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1' or 'in 5 s'")
+            more = self.longest(parts["becomes"], skip=count)
+            if more and self._relation(count)[0] <= more:  # "passar de 3 V" is all one
+                count, event = count + more, True
+        return count, named, event
+
+    def _relation(self, skip: int, *, event: bool = False) -> tuple[int, float]:
+        """How many words lead to the value that is waited for, and on which side of it the output has to be."""
+        parts = self.lexicon.parts
+        lead = parts["reaches"] | parts["to"] if event else parts["reaches"]
+        return max(
+            (self.longest(lead, skip=skip), 0.0), (self.longest(parts["above"], skip=skip), 1.0),
+            (self.longest(parts["below"], skip=skip), -1.0), key=lambda found: found[0],
+        )  # fmt: skip
 
 
 class UnknownWordError(UserError):

@@ -18,12 +18,15 @@ class ControllerReport(NamedTuple):
     reason: str = ""
     published: int = 0
     """In system time [ns]."""
+    stops: int = 0
+    """That the controller was asked for."""
 
     @classmethod
     def of(cls, status: DiagnosticStatus, published: int) -> ControllerReport:
         """That of a status of its task "loop"; a controller that is not active names its state alone."""
         values = {item.key: item.value for item in status.values}
-        return cls(values.get("state", status.message), values.get("state_reason", ""), published)
+        stops = int(values.get("stops", "0"))
+        return cls(values.get("state", status.message), values.get("state_reason", ""), published, stops)
 
     @property
     def standstill(self) -> str:

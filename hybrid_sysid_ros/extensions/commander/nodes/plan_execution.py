@@ -54,6 +54,8 @@ class PlanExecution(RigNode):
         self.checking = ""
         self.stops = self.refused = self.carried_out = 0
         self.stopped = self.armed = False
+        self.own_stops = 0
+        """Stops that the controller was asked for, with the last one from here; 0 until it says."""
         self.staying = False
         """Whether the reference has yet to stay where a stop found the outputs."""
         self.started = self.ended = self.turn = 0
@@ -105,6 +107,7 @@ class PlanExecution(RigNode):
     def look(self) -> None:
         """See how far the plan is."""
         self.monitor.look()
+        self.look_for_other_stops()
         if self.settings["armed"] != self.armed:  # by a stop, or the service
             self.set_parameters([Parameter("armed", value=self.armed)])
         if self.staying:
@@ -130,6 +133,13 @@ class PlanExecution(RigNode):
             self.reply(running.sentence.text, "done", f"done{slowed}", WARN if slowed else OK, {})
         if not running.sentence.guards:
             self.wait_for(running.sentence)
+
+    def look_for_other_stops(self) -> None:
+        """What somebody else stops behind a stop from here is not enabled from here."""
+        report = self.monitor.controller
+        if self.stopped and report.stops:
+            self.own_stops = self.own_stops or report.stops
+            self.stopped = report.stops == self.own_stops and report.state in ("stopped", "disarmed")
 
     def check_moves(self) -> None:
         """Raise UserError where the controller lets nothing move; a stop from here is taken back by what begins."""
@@ -202,6 +212,7 @@ class PlanExecution(RigNode):
         asked for at once. Raises UserError where there is no controller.
         """
         self.turn += 1
+        by_others = self.active and self.monitor.controller.state == "stopped" and not self.stopped
         stopper = self.controller.latcher if emergency else self.controller.stopper
         try:
             self.controller.call(stopper)
@@ -209,14 +220,16 @@ class PlanExecution(RigNode):
             with self._lock:
                 started = self.running is not None and monotonic() - self.running.since < JUST
                 self.stops += 1
-                self.armed, self.stopped, self.checking = False, True, ""
+                self.armed, self.stopped, self.checking = False, not by_others, ""
+                self.own_stops = 0
                 self.ready = self.running = self.awaited = None
         if started:  # which may have enabled the controller after that
             self.controller.call(stopper)
         if self.active:
             latched = ", and the controller until it is reset and armed" if emergency else ""
             latch = "the commander's emergency stop is latched: call the services reset and arm"
-            self.monitor.expect("disarmed" if emergency else "stopped", latch if emergency else "by the commander")
+            if emergency or not by_others:
+                self.monitor.expect("disarmed" if emergency else "stopped", latch if emergency else "by the commander")
             words = f"the inputs go to rest; the commander is disarmed{latched}{because}"
             self.reply(text, "stopped", words, OK, {})
             self.staying = True

@@ -58,7 +58,9 @@ class AwaitedCommand:
         if self.condition.delay:
             return now - self.since >= self.condition.delay
         if self.condition.output is not None:
-            k, value = self.condition.output, self.condition.value
+            k, value, side = self.condition.output, self.condition.value, self.condition.side
+            if side:
+                return bool(side * (shown[k] - value) >= 0.0)
             near = 0.0 if self.sentence.is_stop else SHARE * (ranges[k].high - ranges[k].low)  # where a plan has led
             return bool((shown[k] - value) * (self.begin[k] - value) <= 0.0 or abs(shown[k] - value) < near)
         self.seen = [*((at, values) for at, values in self.seen if now - at < STILL), (now, shown)]

@@ -46,7 +46,7 @@ PORTUGUESE: list[tuple[str, str, Any]] = [
     (BEAM, "vá para 1 V mantenha", Refused("then")),
     (BEAM, "vá para 3", Refused("of what")),
     (BEAM, "vá para 30 V", Refused("reach")),
-    (BEAM, "vá para 1.500 mV", Refused("1,500 ou 1500")),
+    (BEAM, "vá para 1.500 mV", Refused("1,500 or 1500")),
     (BEAM, "não vá para 3 V", Refused("commands say what to do")),
     (BEAM, "vá para 3 V se estiver seguro", Refused("condition")),
     (BEAM, "vá para 2 ou 3 V", Refused("alternative")),

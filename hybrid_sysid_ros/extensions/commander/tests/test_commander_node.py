@@ -207,6 +207,21 @@ def test_a_plan_is_broken_off_and_the_next_refused_where_the_controller_moves_no
         loop.bench.until(lambda: state(loop.replies[-1]) == "done")
 
 
+@pytest.mark.parametrize("first", ["commander", "controller"])
+def test_what_somebody_else_has_stopped_is_not_enabled_by_a_plan(loop: DrivenRig, first: str) -> None:
+    """Whether that was before the commander's own stop, or behind it."""
+    second = {"commander": "controller", "controller": "commander"}[first]
+    assert loop.call(f"{first}/stop").success
+    loop.bench.until(lambda: loop.commander.monitor.controller.stops)
+    assert loop.call(f"{second}/stop").success
+    loop.bench.until(lambda: not loop.commander.stopped)
+    refused = loop.say("go to 1 V")
+    assert state(refused) == "refused"
+    assert "until the service enable" in refused.message
+    assert not loop.call("commander/confirm").success
+    assert loop.controller.operation.mode is ControllerMode.STOP
+
+
 def test_what_a_controller_says_becomes_what_to_do() -> None:
     assert ControllerReport("driving").standstill == ""
     assert "activate it" in ControllerReport("inactive").standstill

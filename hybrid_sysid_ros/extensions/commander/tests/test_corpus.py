@@ -10,12 +10,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Home, Move, Sentence, Swing, Wait
+from hybrid_sysid_ros.extensions.commander.language import grammar
+from hybrid_sysid_ros.extensions.commander.language.commands import (
+    Command,
+    Condition,
+    Follow,
+    Home,
+    Move,
+    Sentence,
+    Swing,
+    Wait,
+)
 from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.extensions.commander.nodes.waiting_commands import AwaitedCommand
 from hybrid_sysid_ros.extensions.commander.tests.corpus import CORPUS
 from hybrid_sysid_ros.extensions.commander.tests.readings import Refused
 from hybrid_sysid_ros.models import Model, Sampling
@@ -48,7 +59,8 @@ def understood(command: Command, vocabulary: Vocabulary, named: set[str]) -> dic
         return vocabulary.outputs[output].name if named - {""} else ""
 
     if isinstance(command, Home):
-        return {"do": "home", "pace": command.pace} if command.pace else {"do": "home"}
+        said = {"pace": command.pace, "seconds": command.seconds}
+        return {"do": "home", **{key: value for key, value in said.items() if value}}
     if isinstance(command, Wait):
         return {"do": "wait", "seconds": command.seconds}
     if isinstance(command, Follow):
@@ -168,9 +180,43 @@ def test_the_last_swing_changes_by_its_noun(text: str, low: float, frequency: fl
 
 
 @pytest.mark.parametrize(
+    ("name", "text", "value", "side"),
+    [
+        ("winged_cone", "stop when the height drops below 100 m", 100.0, -1.0),
+        ("winged_cone", "if height exceeds 300 m stop", 300.0, 1.0),
+        ("winged_cone", "pare se a altura passar de 500 m", 500.0, 1.0),
+        ("wheel_motor", "stop when it spins faster than 300 rpm", 300.0, 1.0),
+        ("wheel_motor", "pare quando a velocidade cair abaixo de 20 rpm", 20.0, -1.0),
+        ("cam_beam", "when it is above 1 V go to 0", 1.0, 1.0),
+        ("cam_beam", "when the beam drops to 1 V go home", 1.0, 0.0),
+    ],
+)
+def test_a_condition_may_be_a_side_of_a_value(name: str, text: str, value: float, side: float) -> None:
+    condition = read(name, text).condition
+    assert condition is not None
+    assert (condition.value, condition.side) == (pytest.approx(value), side)
+
+
+@pytest.mark.parametrize(("side", "due"), [(1.0, True), (-1.0, False), (0.0, False)])
+def test_what_is_so_already_is_not_waited_for(side: float, due: bool) -> None:
+    condition, ranges = Condition(output=0, value=1.0, side=side), interpreter("cam_beam").vocabulary.outputs
+    awaited = AwaitedCommand(
+        condition=condition,
+        sentence=grammar.Sentence(text="", commands=(), stops=True),
+        since=0.0,
+        begin=np.array([2.0]),
+    )
+    assert awaited.is_due(0.1, np.array([2.0]), ranges, idle=True) is due
+
+
+@pytest.mark.parametrize(
     ("text", "answer"),
     [
         ("go to 3 V, and when it reaches 1 V go to 0", "passes 1 V on the way, where only a stop acts"),
+        (
+            "go to 2 V and stop when it drops below -1 V",
+            "once position is below -1 V, within 30 s of its end, which the plan does not reach",
+        ),
         ("go to 2 V and stop when it reaches 3 V", "which the plan does not reach: inputs to rest"),
         ("go to 3 V and stop when it reaches 1 V", "within 30 s of its end: inputs to rest"),
     ],

@@ -23,31 +23,45 @@ SAID = {
     "pt": """
         pare | PARE | pára! | para | para tudo | para já | meu deus para | não, para! | parar | parem |
         pare agora | chega | basta | desliga | desligue o motor | aborta | cancela | freia | trava |
-        interrompe isso | não se mexa | fica quieto | não continue | deixa pra lá | esquece isso | não!
+        pare aí, por favor | PARA AI AGORA | para de girar | dá pra parar | desliga isso aí | tira da tomada | fim |
+        em repouso | parada total | interrompe isso | não se mexa | fica quieto | não continue | deixa pra lá |
+        esquece isso | não!
     """,
     "es": """
         para ya | párate | deténgase | detente | detener | ¡alto! | basta ya | frena | apágalo | apague el
-        motor | cancelar | llévalo al reposo | no te muevas | quieto | parad, detened, paren | freno
+        motor | PARATE AHI | detén el motor por favor | deja de girar | para un momento | no sigas |
+        desactiva el motor |
+        desenchufa | suficiente | suelta | cancelar | llévalo al reposo | no te muevas | quieto |
+        parad, detened, paren | freno
     """,
     "de": """
         stopp | halt | Halt an! | anhalten | stehen bleiben | bleib sofort stehen | abbrechen | Abbruch |
         brems | bremsen | schalte den Motor aus | mach es aus | aus | hör auf | Hör auf damit! | Schluss |
+        halt mal bitte sofort an | hoer bitte auf | HOER AUF DAMIT | jetzt reicht's | lass das | stillhalten | Ruhe |
         genug | bring es zur Ruhe | nicht bewegen | nicht weiter stopp | nein
     """,
     "fr": """
         arrête | ARRÊTEZ | arrête-toi | arrêter | arrêt | stoppez | halte ! | ça suffit | c'est assez |
+        arrête-toi là | arrete toi la | ARRETEZ TOUT S IL VOUS PLAIT | reste immobile | débranche |
+        laisse tomber | lâche |
         freine | mets-le au repos | coupe le moteur | ne bouge plus | ne bougez pas | annule | non
     """,
 }
 ALONE = {
-    "hold on!", "forget it", "no more!", "no!", "no, no, no!", "oh no", "deixa pra lá", "esquece isso", "não!", "nein",
-    "non",
+    "lass das", "hold on!", "forget it", "no more!", "no!", "no, no, no!", "oh no", "deixa pra lá", "esquece isso", "não!",
+    "nein", "non",
 }  # fmt: skip
 """Stops as whole sentences alone."""
 LATCHING = """
     emergency | emergency stop | E-STOP | estop now | cut the power | kill it | pull the plug | emergência |
     parada de emergência | corta a energia | socorro | emergencia | corta la corriente | Not-Aus | NOTAUS |
-    emer gency | Nothalt | arrêt d'urgence | coupe le courant
+    emer gency | Nothalt | Not-Halt | NOT-STOPP | zieh den Stecker | arrêt d'urgence | ARRET D URGENCE |
+    coupe le courant
+"""
+NEGATED = """
+    don't cut the power | don't press the emergency stop | this is not an emergency | not emergency stop | not stop |
+    NOT HALT | sem emergência | não é uma emergência | no es una emergencia | kein Notfall | kein Not-Aus |
+    pas d'urgence
 """
 NONE = """
     don't st op | don't stop | do not ever stop | never stop | go to 3 V without stopping | não pare | no pares |
@@ -77,6 +91,14 @@ def test_an_emergency_latches_whatever_else_is_said(text: str) -> None:
     assert grammar.read(f"go to 1 V, {text}", Vocabulary.of(rigs.load("cam_beam"))).emergency
 
 
+@pytest.mark.parametrize("text", listed(NEGATED))
+def test_an_emergency_in_doubt_stops_without_a_latch_and_says_why(text: str) -> None:
+    """In English "not halt" says no stop, and in German it is an emergency stop, without its dash."""
+    sentence = grammar.read(text, Vocabulary.of(rigs.load("cam_beam")))
+    assert (sentence.is_stop, sentence.emergency) == (True, False)
+    assert sentence.because
+
+
 @pytest.mark.parametrize("text", listed(NONE))
 def test_what_asks_for_no_stop_is_none(text: str) -> None:
     assert stop_in(text) == ""
@@ -89,6 +111,10 @@ def test_what_asks_for_no_stop_is_none(text: str) -> None:
         ("go to 2 V and stop after 10 s", "from now, or when the rest is done"),
         ("stop when it reaches 100 V", "never reaches 100 V"),
         ("stop and go to 2 V", "a stop ends a command"),
+        ("stop unless it is at 2 V", "condition that nobody watches"),
+        ("stopp, wenn es über 2 V ist", "unknown word"),
+        ("keine Bewegung!", ""),
+        ("stop there", ""),
         ("stop, stop!", ""),
         ("arrête", ""),
         ("oh dear stop", ""),
