@@ -112,6 +112,18 @@ class Lexicon:
         return {tuple(folded(name).split()): symbol for name, symbol in self.table["units"].items()}
 
     @cached_property
+    def parts_of_one(self) -> Mapping[tuple[str, ...], float]:
+        """Half, a third ... by their phrases."""
+        shares = {name: share for name, share in SHARES.items() if share < 1.0}
+        return {tuple(text.split()): share for name, share in shares.items() for text in self.table[name]}
+
+    @cached_property
+    def verbs_of_numbers(self) -> frozenset[tuple[str, ...]]:
+        """Phrases of a verb that begin with a number."""
+        homes = (tuple(folded(phrase).split()) for phrase in self.table["home"])
+        return frozenset(words for words in homes if words[0] in self.table["numbers"])
+
+    @cached_property
     def words(self) -> frozenset[str]:
         """All single words that mean something somewhere."""
         phrases = [*self.meanings, *self.units, *(phrase for part in self.parts.values() for phrase in part)]

@@ -36,11 +36,7 @@ class Meaning(Goals):
     def _verb(self) -> str:
         clause = self.clause
         found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
-        if (
-            "back" in found
-            and not clause.directions
-            and any(item.role == "by" for item in (*self.left, *clause.shares))
-        ):
+        if "back" in found and not clause.directions and "by" in self.roles:
             raise UserError(f"back by how much is up or down? say 'up 1 {self.example}' or 'down 1 {self.example}'")
         if "repeat" in found and len(found) > 1 and self.left:
             found.remove("repeat")
@@ -89,10 +85,14 @@ class Meaning(Goals):
             or clause.nouns or clause.here or clause.full_speed
         )  # fmt: skip
 
+    @property
+    def roles(self) -> set[str]:
+        """Of what is left."""
+        return {item.role for item in self.left} | {share.role for share in self.clause.shares}
+
     def _said(self) -> bool:
         """Whether a value is asked for without a verb: by "I want", or by how long it is to last."""
-        roles = {item.role for item in self.left}
-        return "" in roles and (self.clause.wish or "for" in roles)
+        return "" in self.roles and (self.clause.wish or "for" in self.roles)
 
     def command(self) -> commands.Command:
         """What the clause asks for."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from hybrid_sysid_ros.extensions.commander.language.lexicon import SHARES, Lexicon, Symbol
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
 from hybrid_sysid_ros.extensions.shared.units import Unit, named
@@ -53,7 +52,7 @@ class QuantityReader:
         token = self.tokens[self.at]
         if share := self.share_of_a_unit():  # before "one", which "one half" begins with
             value = share
-        elif self.longest(self._parts_of_one) or self.longest(self._verbs_of_numbers):
+        elif self.longest(self.lexicon.parts_of_one) or self.longest(self.lexicon.verbs_of_numbers):
             return None  # "two thirds of its present value", "zero it"
         elif token.kind == "number":
             value = self.digits(token.text)
@@ -137,30 +136,15 @@ class QuantityReader:
 
     def share_of_a_unit(self) -> float:
         """Half of "half a metre" or "a quarter turn", which is taken; 0 where there is none."""
-        start, count = self.at, self.longest(self._parts_of_one)
+        start, count = self.at, self.longest(self.lexicon.parts_of_one)
         if not count:
             return 0.0
-        share = self._parts_of_one[tuple(self.words[start : start + count])]
+        share = self.lexicon.parts_of_one[tuple(self.words[start : start + count])]
         self.at += count + self.longest(self.lexicon.parts["articles"], skip=count)
         if self.longest(self.lexicon.units) or (self.at < len(self.tokens) and self._unit_at(self.at) is not None):
             return share
         self.at = start
         return 0.0
-
-    @property
-    def _parts_of_one(self) -> Mapping[tuple[str, ...], float]:
-        """Half, a third ... by their phrases."""
-        shares = {name: share for name, share in SHARES.items() if share < 1.0}
-        return {tuple(text.split()): share for name, share in shares.items() for text in self.lexicon.table[name]}
-
-    @property
-    def _verbs_of_numbers(self) -> Sequence[tuple[str, ...]]:
-        """Phrases of verbs that begin with a number."""
-        return [
-            words
-            for words, meanings in self.lexicon.meanings.items()
-            if len(words) > 1 and words[0] in self.lexicon.table["numbers"] and ("V", "home") in meanings
-        ]
 
     def spelled(self) -> float:
         """A number in words: "two hundred and fifty", "minus one point five"."""

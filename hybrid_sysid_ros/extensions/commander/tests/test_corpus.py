@@ -194,7 +194,8 @@ def test_the_last_swing_changes_by_its_noun(text: str, low: float, frequency: fl
 def test_a_condition_may_be_a_side_of_a_value(name: str, text: str, value: float, side: float) -> None:
     condition = read(name, text).condition
     assert condition is not None
-    assert (condition.value, condition.side) == (pytest.approx(value), side)
+    assert condition.value == pytest.approx(value)
+    assert condition.side == side
 
 
 @pytest.mark.parametrize(("side", "due"), [(1.0, True), (-1.0, False), (0.0, False)])

@@ -48,7 +48,8 @@ SAID = {
     """,
 }
 ALONE = {
-    "lass das", "hold on!", "forget it", "no more!", "no!", "no, no, no!", "oh no", "deixa pra lá", "esquece isso", "não!",
+    "lass das", "hold on!", "forget it", "no more!", "no!", "no, no, no!", "oh no", "deixa pra lá",
+    "esquece isso", "não!",
     "nein", "non",
 }  # fmt: skip
 """Stops as whole sentences alone."""
