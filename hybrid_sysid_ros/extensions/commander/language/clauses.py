@@ -90,7 +90,7 @@ class Clause:
     displacing: Symbol | None = None
     """A verb of moving, which leaves open whether a value is a place or a change; "change" does with a speed, too."""
     addressed: bool = False
-    """Whether the rig was named, as in "drill at 5 rad/s"."""
+    """Whether the rig was named, beside which "at" a value needs no verb."""
     wish: bool = False
     """Whether "I want" or "give me" was said, which asks for the value behind it."""
 

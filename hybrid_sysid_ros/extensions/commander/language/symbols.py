@@ -277,7 +277,7 @@ class _Reader(QuantityReader):
             more, nouns = self._noun(count)
             count, named = count + more, named + nouns
             more = self.longest(parts["becomes"], skip=count)
-            if more and self._relation(count)[0] <= more:  # "passar de 3 V" is all one
+            if more and self._relation(count)[0] <= more:  # "passar de" a value is all one
                 count, event = count + more, True
         return count, named, event
 
