@@ -35,7 +35,11 @@ def wheel(bench: Bench, model_folder: Path, policy_folder: Path) -> Wheel:
             "zero_after is 0.1 s: it must be more than",
         ),
         (ControllerNode, {"stale_after": 0.01}, "stale_after is 0.01 s: it must be more than period, 0.02 s"),
-        (EstimatorNode, {"innovation_warn": 40.0}, "innovation_error is 30: it must be more than innovation_warn, 40"),
+        (
+            EstimatorNode,
+            {"innovation_warn": 40.0},
+            "30, its default: it must be more than innovation_warn, 40",
+        ),
     ],
 )
 def test_rules_between_parameters_are_kept(bench: Bench, kind: Any, parameters: Any, reason: str) -> None:

@@ -53,7 +53,10 @@ def gives(value: Any) -> Any:
 def things() -> SimpleNamespace:
     """What arguments are made of."""
     model = hs.load_model(TRAINED / "cam_beam" / "model")
+    mpc = hs.mpc("cam_beam", model)
+    mpc.control(np.zeros(2), np.zeros(1), np.zeros(1), np.zeros((mpc.horizon, 1)))  # its first call checks more
     return SimpleNamespace(
+        mpc=mpc,
         record=made(),
         two_columns=hs.record(time=TIME, inputs=np.zeros((400, 2)), outputs=WAVE),
         volts=hs.record(time=TIME, inputs=WAVE, outputs=4.0 * WAVE),
@@ -200,6 +203,19 @@ WRONG: list[Case] = [
     ("controller.period", lambda t: hs.simulate("cam_beam", t.model, controller=own(len, period=0.0))),
     ("policy", lambda t: hs.simulate("wheel_motor", t.other, controller=t.policy)),
     ("policy", lambda t: hs.simulate("cam_beam", t.model, policy=t.policy)),
+    ("of another rig", lambda t: hs.simulate("wheel_motor", t.other, controller=hs.mpc("cam_beam", t.model))),
+    ("'horizon'", lambda t: hs.mpc("cam_beam", t.model, parameters={"controller.horizon": 10})),
+    ("riccati_at", lambda t: hs.mpc("cam_beam", t.model, riccati_at=99.0)),
+    (
+        "term a is not finite",
+        lambda t: hs.mpc("cam_beam", t.model, terms={"a": {"value": "log(velocity)", "price": 1}}),
+    ),
+    ("stage_parameters names 'wall'", lambda t: hs.mpc("cam_beam", t.model, stage_parameters={"wall": 0.03})),
+    ("nothing to track", lambda t: hs.mpc("cam_beam", t.model, parameters={"output_weight": [0.0]})),
+    (
+        "state has shape (3,)",
+        lambda t: t.mpc.control(np.zeros(3), np.zeros(1), np.zeros(1), np.zeros((t.mpc.horizon, 1))),
+    ),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference="stairs")),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=[1.0, 2.0])),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=99.0)),

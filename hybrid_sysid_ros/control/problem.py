@@ -121,8 +121,6 @@ class ControlProblem:
             if not np.all(sound & (np.isfinite(values) | (name == "rate_limits"))):
                 least = "above 0" if name in _POSITIVE else "at least 0" if name in _NOT_NEGATIVE else "finite"
                 raise UserError(f"mpc: {name} is {getattr(self, name)}; it must be {least}")
-        if not (any(self.output_weights) or self.terms):
-            raise UserError("mpc: all output_weights are 0, so there is nothing to track; give one output a weight")
         for kind in ("input", "state"):
             low, high = getattr(self, f"{kind}_low"), getattr(self, f"{kind}_high")
             alike = len(low) == len(high) or 1 in (len(low), len(high))

@@ -16,6 +16,7 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.stage_values import StageValues, affine_values, depend_on_states
+from hybrid_sysid_ros.core.trace import NotFiniteError
 from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
@@ -125,7 +126,13 @@ def check_terms(system: System, terms: Sequence[StageTerm], stage: Sequence[str]
     """Raise UserError for a formula that can't be evaluated, and for a hard bound on more than inputs."""
     if not terms:
         return
-    moving = depend_on_states(with_terms(system, terms, stage))[len(system.outputs) :]
+    try:
+        moving = depend_on_states(with_terms(system, terms, stage))[len(system.outputs) :]
+    except NotFiniteError as error:
+        raise UserError(
+            f"mpc: term {error.name} is not finite where states and inputs are zero; keep divisors, roots and "
+            "logarithms from zero, such as by sqrt(x**2 + 1e-6)"
+        ) from error
     for term, depends in zip(terms, moving, strict=True):
         if term.hard and depends:
             raise UserError(

@@ -142,11 +142,20 @@ def _traced(system: Traceable, what: str, function: Traced, weights: casadi.SX |
         found = np.array(origin(0.0, 0.0, values, TRIAL_STEP, 0.0, *([0.0] * len(calls.made)))).ravel()
         if not np.all(np.isfinite(found)):
             names = [item.name for item in (system.outputs if what.startswith("output") else system.states)]
-            raise UserError(
-                f"{kind}: {what} is not finite for {names[int(np.argmin(np.isfinite(found)))]} where states and inputs "
-                "are zero; keep divisors from zero with maximum or select, and use core.mathematics in place of math"
-            )
+            raise NotFiniteError(kind, what, names[int(np.argmin(np.isfinite(found)))])
     return traced
+
+
+class NotFiniteError(UserError):
+    """A function of a system that is not finite at the origin."""
+
+    def __init__(self, kind: str, what: str, name: str) -> None:
+        """kind: class of the system. what: the function. name: of the state or output."""
+        super().__init__(
+            f"{kind}: {what} is not finite for {name} where states and inputs are zero; keep divisors from zero with "
+            "maximum or select, and use core.mathematics in place of math"
+        )
+        self.name = name
 
 
 TRIAL_STEP = 1e-3

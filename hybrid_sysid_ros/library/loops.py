@@ -226,6 +226,10 @@ def _controller(
                 f"controller is {shown(controller)}; give one of {', '.join(CONTROLLERS)}, a policy, or an object that "
                 f"has {', '.join(METHODS)}"
             )
+        of = getattr(controller, "system", None)
+        if isinstance(of, System) and [*map(str, of.inputs)] != [*map(str, rig.system.inputs)]:
+            inputs = ", ".join(map(str, of.inputs))
+            raise UserError(f"controller is of another rig, with the inputs {inputs}; make one of {rig.name}")
         problem = getattr(controller, "problem", None)
         judged = problem if isinstance(problem, ControlProblem) else mpc_problem(settings, rig, model.system)
         return judged, controller if isinstance(controller, Cascade) else _Checked(controller, len(rig.system.inputs))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,15 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.control import Controller, ExactMpc
-from hybrid_sysid_ros.control.terms import terms_of
 from hybrid_sysid_ros.control.tightening import covariance_of
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.loops import settings_of, used_model
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.runtime.configuration import controller_model, mpc_problem, wrap_for_rig
-from hybrid_sysid_ros.runtime.mpc_section import extended
 from hybrid_sysid_ros.support import extensions
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def mpc(
@@ -57,18 +57,18 @@ def mpc(
     """
     described = arguments.rig_of(rig)
     given = arguments.mapping_of(parameters, "parameters", '{"horizon": 10}')
+    for name in given:
+        if str(name).startswith("controller."):
+            plain = name.removeprefix("controller.")
+            raise UserError(f"parameters names {name!r}; those of the controller are meant here: write {plain!r}")
     values = settings_of(described, {f"controller.{name}": value for name, value in given.items()})["controller"]
     arguments.choice_of(solver, "solver", ("exact", "ipopt"))
     used = used_model(described, model)
     system = controller_model(described, used.system)
-    problem = mpc_problem(values, described, system)
     more = arguments.mapping_of(terms, "terms", '{"power": {"value": "voltage**2", "price": 1.0}}')
     stage = arguments.mapping_of(stage_parameters, "stage_parameters", '{"limit": 1.0}')
     further: dict[str, Any] = {"intervals": intervals, "blocks": blocks, "operating_point": operating_point}
-    if more or stage:
-        own = {term.name: term for term in problem.terms} | {term.name: term for term in terms_of(more)}
-        further["terms"] = tuple(own.values())
-        further["stage_parameters"] = tuple((dict(problem.stage_parameters) | stage).items())
+    further |= {"terms": more or None, "stage_parameters": stage or None}
     for name, values_at in (("riccati_at", riccati_at), ("final_output_weights", final_output_weights)):
         if values_at is not None:
             further[name] = np.atleast_1d(arguments.array_of(values_at, name)).tolist()
@@ -77,7 +77,10 @@ def mpc(
         further["tightening"] = tightening
         covariance = None if "parameters" in tightening else covariance_of(used, system)
     given = {name: value for name, value in further.items() if value is not None}
-    problem = extended(system, problem, given, covariance) if given else problem
+    problem = mpc_problem(values, described, system, further=given, covariance=covariance)
+    words = {word for term in problem.terms for word in re.findall(r"[^\W\d]\w*", term.value)}
+    if idle := [name for name, _ in problem.stage_parameters if name not in words]:
+        raise UserError(f"stage_parameters names {idle[0]!r}, which no term has: use it in a formula, or leave it out")
     if solver == "exact":
         return wrap_for_rig(described, system, ExactMpc(system, problem, real_time=values["real_time"]))
     made: Controller = extensions.one("solvers", "ipopt")(system, problem)

@@ -158,13 +158,21 @@ def _drifts(text: str, known: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> ControlProblem:
+def mpc_problem(
+    values: Mapping[str, Any],
+    rig: Rig,
+    system: System | None = None,
+    *,
+    further: Mapping[str, Any] | None = None,
+    covariance: Array | None = None,
+) -> ControlProblem:
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighted in display units.
 
     system: the MPC's model, by default the rig's system. States that only the model has are unbounded. Where `limits`
     is `rig`, the rig's travel and validity bound the states softly, and the rates of its actuators the changes of
-    inputs, unless a stabiliser has a part in these. The section mpc of the rig's file declares further terms.
-    Raises UserError for a number that makes no valid problem.
+    inputs, unless a stabiliser has a part in these. The section mpc of the rig's file declares further terms, and
+    ``further`` is a section that is added to it, see :func:`~.mpc_section.extended`. Raises UserError for a number that
+    makes no valid problem, and for a problem that asks for nothing.
     """
     system = system or rig.system
     kept = values["limits"] == "rig"
@@ -204,7 +212,14 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         soft_linear=of_states("soft_linear", 0.0),
         soft_quadratic=prices,
     )
-    return mpc_section.declared(rig, system, plain)
+    problem = mpc_section.declared(rig, system, plain)
+    if further:
+        problem = mpc_section.extended(system, problem, further, covariance)
+    if not (any(problem.output_weights) or problem.terms):
+        raise UserError(
+            "mpc: all output_weights are 0, so there is nothing to track; give one a weight, or the problem a term"
+        )
+    return problem
 
 
 def _substeps(values: Mapping[str, Any], rig: Rig, system: System) -> int:

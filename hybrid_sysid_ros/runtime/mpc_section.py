@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import jacobian_at, steady_motion
+from hybrid_sysid_ros.control.steady_motion import SteadyMotion, jacobian_at, steady_motion
 from hybrid_sysid_ros.control.terminal_cost import STILL, riccati_terms
+from hybrid_sysid_ros.control.terms import terms_of
 from hybrid_sysid_ros.control.tightening import Tightening, tightened
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -39,33 +40,41 @@ def about(system: System, problem: ControlProblem, outputs: Any) -> ControlProbl
     found, _, _ = jacobian_at(system, problem, rest.state, rest.inputs, output=True)
     if not np.allclose(found[tracked], at[tracked], rtol=STILL, atol=STILL):
         raise UserError(f"mpc: {OPERATING}: no inputs hold the outputs at {at.tolist()}; give others")
-    names = [item.name for item in (*system.inputs, *system.states)]
-    values = np.concatenate([rest.inputs, rest.state])
-    low, high = (
-        np.concatenate([inputs, states])
-        for inputs, states in ((problem.input_low, problem.state_low), (problem.input_high, problem.state_high))
-    )
-    for name, value, least, most in zip(names, values, low, high, strict=True):
-        if not least <= value <= most:
-            raise UserError(
-                f"mpc: {OPERATING}: to stay at {at.tolist()}, {name} would be {value:.4g}, beyond its bounds {least:g} "
-                f"and {most:g}; give other outputs"
-            )
+    _check_within(system, problem, rest, f"mpc: {OPERATING}: to stay at {at.tolist()}")
     return replace(problem, input_rest=tuple(rest.inputs.tolist())).sized(system)
+
+
+def _check_within(system: System, problem: ControlProblem, rest: SteadyMotion, where: str) -> None:
+    """Raise UserError, which begins with where, for a steady motion beyond a bound of an input or a state."""
+    items = (*system.inputs, *system.states)
+    values = [*rest.inputs.tolist(), *rest.state.tolist()]
+    lowest, highest = (*problem.input_low, *problem.state_low), (*problem.input_high, *problem.state_high)
+    for item, value, low, high in zip(items, values, lowest, highest, strict=True):
+        if not low <= value <= high:
+            raise UserError(
+                f"{where}, {item.name} would be {value:.4g}, beyond its bounds {low:g} and {high:g}; give other outputs"
+            )
 
 
 def extended(
     system: System, problem: ControlProblem, given: Mapping[str, Any], covariance: Array | None = None
 ) -> ControlProblem:
-    """The problem of a system, sized, with what the section declares. covariance: of the model's free parameters, in
-    place of those that the tightening names. Raises UserError for what makes no valid problem.
+    """The problem of a system, sized, with what the section declares: its terms are added to those of the problem, and
+    replace those of the same name. covariance: of the model's free parameters, in place of those that the
+    tightening names. Raises UserError for what makes no valid problem.
     """
     refuse_unknown(given, (*FIELDS, OPERATING, RICCATI, TIGHTENING), "mpc")
-    problem = replace(problem, **{name: given[name] for name in FIELDS if name in given}).sized(system)
+    fields = {name: given[name] for name in FIELDS if name in given}
+    if "terms" in fields:
+        fields["terms"] = tuple({term.name: term for term in (*problem.terms, *terms_of(fields["terms"]))}.values())
+    if problem.stage_parameters and isinstance(fields.get("stage_parameters"), Mapping):
+        fields["stage_parameters"] = {**dict(problem.stage_parameters), **fields["stage_parameters"]}
+    problem = replace(problem, **fields).sized(system)
     if OPERATING in given:
         problem = about(system, problem, given[OPERATING])
     if RICCATI in given:
         at = numbers(given[RICCATI], f"mpc: {RICCATI}", count=len(system.outputs))
+        _check_within(system, problem, steady_motion(system, problem, np.array(at)), f"mpc: {RICCATI}: to stay at {at}")
         last = riccati_terms(system, problem, np.array(at))
         problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
     if TIGHTENING in given:

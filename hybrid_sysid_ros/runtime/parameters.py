@@ -42,7 +42,7 @@ def shipped(rig: str, kind: str) -> Path:
     folder = TRAINED / rig / kind
     if not folder.is_dir():
         raise NothingShippedError(
-            f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}"
+            f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}, in Python {kind}"
         )
     return folder
 
@@ -208,8 +208,9 @@ def check_rules(known: Mapping[str, NodeParameter], values: Mapping[str, Any], w
         if item.above and (item.above not in known or isinstance(values[item.above], str | list)):
             problems.append(f"{where}parameter {name}: above is {item.above}, which is no number of the node")
         elif item.above and not values[name] > values[item.above]:
+            own = ", its default" if values[name] == item.default else ""
             problems.append(
-                f"{where}parameter {name} is {_with_unit(item, values)}: it must be more than {item.above}, "
+                f"{where}parameter {name} is {_with_unit(item, values)}{own}: it must be more than {item.above}, "
                 f"{_with_unit(known[item.above], values)}"
             )
     if problems:

@@ -228,7 +228,6 @@ def test_a_step_that_is_announced_is_begun_before_it_comes(beam_mpc, rig):
         ({"substeps": 0}, "substeps"),
         ({"input_high": (float("nan"),)}, "input_high"),
         ({"input_high": (-10.0,)}, "input_high"),
-        ({"output_weights": (0.0,)}, "output_weights"),
         ({"output_scales": (0.0,)}, "output_scales"),
         ({"max_iterations": 0}, "max_iterations"),
         ({"rate_weights": (-1.0,)}, "rate_weights"),

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+import hybrid_sysid_ros as hs
+
 PAGE = Path(__file__).parents[2] / "docs" / "guides" / "mpc-problem.md"
 
 
@@ -19,3 +21,15 @@ def test_the_blocks_of_the_guide_run_in_turn():
     assert 0.0 < min(known["margins"]) <= max(known["margins"]) < 0.05
     assert np.abs(known["stays"].inputs - known["point"].inputs).max() < 1e-3
     assert known["near"].iterations.mean() < known["answers"].iterations.mean()
+
+
+def test_a_problem_may_be_economic_alone():
+    """A price on the position, and nothing to track: to the end of the travel that the price asks for."""
+    given: dict[str, Any] = {
+        "terms": {"far": {"value": "position", "price": -50.0}},
+        "parameters": {"output_weight": [0.0]},
+    }
+    mpc = hs.mpc("cam_beam", **given)
+    plan = mpc.control(np.zeros(2), np.zeros(1), np.zeros(1), np.zeros((mpc.horizon, 1)))
+    assert plan.states[-1, 0] > 0.05
+    assert "terms far" in repr(mpc)

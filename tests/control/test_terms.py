@@ -100,7 +100,7 @@ def test_a_declaration_is_plain_data():
         ({"value": "first > 0", "price": 1.0}, "is no part of a formula"),
         ({"value": "__import__('os')", "price": 1.0}, "__import__ is unknown"),
         ({"value": "1 / 0", "price": 1.0}, "is not a number"),
-        ({"value": "1 / first", "price": 1.0}, "not finite for broken"),
+        ({"value": "1 / first", "price": 1.0}, "term broken is not finite"),
         ({"value": "first", "high": 1.0, "hard": True}, "a hard bound is for inputs alone"),
         ({"value": "first"}, "has no effect"),
         ({"value": "first", "weight": -1.0}, "at least 0"),

@@ -257,13 +257,13 @@ def in_threads(
     memory: Callable[[], HorizonMemory],
     threads: int,
 ) -> Iterator[Any]:
-    """Results of work in their order, each made with the memory of a thread. threads: 0 for one per core.
-
-    Raises UserError for another number.
+    """Results of work in their order, each made with the memory of a thread. threads: 0 for one per core,
+    which is also the most.
     """
     if not isinstance(threads, int) or threads < 0:
         raise UserError(f"threads is {threads!r}; give a whole number from 1 on, or 0 for one per core")
-    count = threads or os.cpu_count() or 1
+    cores, found = os.cpu_count() or 1, list(items)
+    count = max(1, min(threads or cores, cores, len(found)))
     free: queue.SimpleQueue[HorizonMemory] = queue.SimpleQueue()
     for _ in range(count):
         free.put(memory())
@@ -276,7 +276,7 @@ def in_threads(
             free.put(own)
 
     if count == 1:
-        yield from map(one, items)
+        yield from map(one, found)
         return
     with ThreadPoolExecutor(count) as pool:
-        yield from pool.map(one, items)
+        yield from pool.map(one, found)

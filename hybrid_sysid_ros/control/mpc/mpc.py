@@ -95,6 +95,13 @@ class ExactMpc:
         self._call["residual"] = math.inf
         self.reset()
 
+    def __repr__(self) -> str:
+        names = ", ".join(term.name for term in self.problem.terms)
+        return (
+            f"ExactMpc({type(self.system).__name__}: {self.horizon} intervals of {self.period:g} s"
+            f"{f', terms {names}' if names else ''}{', in real time' if self.real_time else ''})"
+        )
+
     def reset(self) -> None:
         """Forget the last plan."""
         forget_call(self.compiled)
@@ -149,12 +156,16 @@ class ExactMpc:
 
         Where something is not a number, the problem has no solution, or the time is over, the answer is the rest of the
         last plan; without one it is the previous input, or zero if that is not a number either. Raises UserError for a
-        part of another shape, where there is no last plan.
+        part of another shape.
         """
-        instance = self.instance
+        instance, parts = self.instance, (state, disturbance, previous_input, preview)
         if self.cold:  # once: a loop's later calls have the shapes of its first
-            instance.check(state, disturbance, previous_input, preview)
-        instance.assign(state, disturbance, previous_input, preview)
+            instance.check(*parts)
+        try:
+            instance.assign(*parts)
+        except ValueError:
+            instance.check(*parts)
+            raise
         return self.planned(self.within_time(instance, partial(solve_call, self.compiled, instance)))
 
     def within_time(self, instance: Instance, call: Callable[[int, bool], int]) -> Status:
