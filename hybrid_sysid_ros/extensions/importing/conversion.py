@@ -92,7 +92,7 @@ class _Conversion:
         lost = 1.0 - measured.mean()
         if lost > MOST_MISSING:
             raise UserError(
-                f"{self.path}: {lost:.0%} of the samples of {name} are missing, and at most {MOST_MISSING:.0%} can be "
+                f"{self.path}: {lost:.1%} of the samples of {name} are missing, and at most {MOST_MISSING:.0%} can be "
                 "filled in; name other columns, or record it again"
             )
         record = Record(
@@ -145,7 +145,7 @@ class _Conversion:
                 f"{self.path}: shift of {name} is {column.shift}, and {column.column} has {len(values)} rows"
             )
         times, found = stamps.times[inside], values[rows[inside]]
-        known = np.isfinite(found)
+        known = np.isfinite(found) & (found != column.missing)
         if not known.any():
             raise UserError(f"{self.path}: column {column.column} holds no number; name another one for {name}")
         if lost := int((~known).sum()):

@@ -19,8 +19,9 @@ from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, without_unit, words_of
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
 from hybrid_sysid_ros.extensions.importing.time_columns import times_of_column
+from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.units import LARGEST, named
-from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
+from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unit_of_wraps, unwrapped, wraps_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper
@@ -55,8 +56,18 @@ class MadeSignal:
     """Of the rig's unit per unit of the column."""
     values: Array
     """At the samples, (samples,) [unit of the rig], without wraps."""
+    stated: str
+    """Unit of the column; that of an angle that wraps is guessed where none is stated."""
     wraps: bool
     """Whether the column has an angle modulo a turn."""
+    missing: float | None
+    """Number in the column that stands for missing values."""
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is an angle that goes beyond half a turn to either side, where its sine may act."""
+        turn = turn_of(self.unit)
+        return turn is not None and float(np.ptp(self.values)) > turn
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,11 +81,15 @@ class MadeRig:
     """Step and period of fits [s]."""
     delays: Mapping[str, float]
     """By which inputs act later [s], of those that do."""
+    turning: Sequence[str]
+    """Outputs that are angles and go beyond half a turn."""
 
 
 def roles(columns: Sequence[LogColumn], inputs: Sequence[str], outputs: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names of the columns that are inputs and outputs: those given, or else those whose names say so."""
     words = {column.name: {*words_of(column.name)} for column in columns if column.name not in (*inputs, *outputs)}
+    if {"x"} in words.values() and {"f"} in words.values():  # a force and a position, not x and its y
+        words = {name: {"position"} if its == {"x"} else its for name, its in words.items()}
     found_in = list(inputs) or [name for name, its in words.items() if its & {*INPUTS} and not its & {*OUTPUTS}]
     found_out = list(outputs) or [name for name, its in words.items() if its & {*OUTPUTS} and name not in found_in]
     left = [name for name in words if name not in (*found_in, *found_out)]
@@ -109,7 +124,8 @@ def made_rig(
         at = clean_stamps(own.seconds * columns[own.column], f"{file.path}: {own.column}") if own.column else stamps
         inside = at.rows < len(columns[item])
         values, times_of = columns[item][at.rows[inside]], at.times[inside]
-        known = np.isfinite(values)
+        missing = sentinel_of(values)
+        known = np.isfinite(values) & (values != missing)
         if not known.any() or np.ptp(values[known]) == 0.0:
             raise UserError(
                 f"{file.path}: {item} holds no number, or always the same; leave it out (--input, --output)"
@@ -119,12 +135,18 @@ def made_rig(
                 f"{file.path}: {item} has values that no rig reaches, such as {worst:.3g}; make what marks a missing "
                 "value an empty cell, or name another column"
             )
-        unit = units.get(item, column.unit)
+        its = values[known]
+        unit = units.get(item, column.unit) or unit_of_wraps(its)
         si, factor = _si(unit)
-        turn, its = turn_of(unit), values[known]
+        turn = turn_of(unit)
         wraps = turn is not None and len(wraps_of(its, turn)) > 0
         sampled = np.interp(grid.times, times_of[known], factor * (unwrapped(its, turn) if turn and wraps else its))
-        signals.append(MadeSignal(name=names[item], column=column, unit=si, factor=factor, values=sampled, wraps=wraps))
+        signals.append(
+            MadeSignal(
+                name=names[item], column=column, unit=si, factor=factor, values=sampled, stated=unit, wraps=wraps,
+                missing=missing,
+            )
+        )  # fmt: skip
     made_inputs, made_outputs = signals[: len(inputs)], signals[len(inputs) :]
     step, band = _time_scale(made_outputs, grid.period)
     delays = delays_of(
@@ -133,22 +155,22 @@ def made_rig(
     )  # fmt: skip
     mapping = ImportMapping(
         time=time,
-        inputs={item.name: _column(item, time, units) for item in made_inputs},
-        outputs={item.name: _column(item, time, units) for item in made_outputs},
+        inputs={item.name: _column(item, time) for item in made_inputs},
+        outputs={item.name: _column(item, time) for item in made_outputs},
     )
     return MadeRig(
         system=_system_text(name, file, made_inputs, made_outputs, delays, grid.period, step, band),
-        values=_values_text(file, made_inputs, made_outputs, step, units),
+        values=_values_text(file, made_inputs, made_outputs, step),
         mapping=mapping,
         step=step,
         delays={item.name: k * grid.period for item, k in zip(made_inputs, delays, strict=True) if k},
+        turning=[item.name for item in made_outputs if item.turns],
     )
 
 
-def _column(item: MadeSignal, time: TimeColumn, units: dict[str, str]) -> SignalColumn:
+def _column(item: MadeSignal, time: TimeColumn) -> SignalColumn:
     own = item.column.time if time.column and item.column.time != time.column else ""
-    unit = units.get(item.column.name, item.column.unit)
-    return SignalColumn(column=item.column.name, unit=unit, time=own, unwrap=item.wraps)
+    return SignalColumn(column=item.column.name, unit=item.stated, time=own, unwrap=item.wraps, missing=item.missing)
 
 
 def _names(columns: Sequence[str]) -> dict[str, str]:
@@ -249,6 +271,7 @@ FASTEST = {STABLE / step:.3g}
 class {_class_name(name)}(System):
     """T^2 y'' = gain u + offset - y - 2 damping T y', for each output y; T is the time constant."""
 
+    provisional = True  # a guess, which no check of records takes for the physics; delete this line with the guess
     states = ({", ".join(states)})
     inputs = ({", ".join(_quoted(f"{item.name} [{item.unit}]") for item in inputs)},)
     outputs = ({", ".join(f'"{item.name}"' for item in outputs)},)
@@ -281,14 +304,10 @@ def _field(name: str, value: float, low: float, high: float, unit: str, words: s
     return f"    {name}: float = bounded({value:.4g}, {low:.3g}, {high:.3g}, unit={_quoted(unit)})\n{text}"
 
 
-def _values_text(
-    file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], step: float, units: dict[str, str]
-) -> str:
+def _values_text(file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], step: float) -> str:
     sensors, actuators = {}, {}
     for item in outputs:
-        shown = (
-            {} if item.factor == 1.0 else {"unit": units.get(item.column.name, item.column.unit), "scale": item.factor}
-        )
+        shown = {} if item.factor == 1.0 else {"unit": item.stated, "scale": item.factor}
         second = np.abs(np.diff(item.values / item.factor, 2))
         noise = float(np.median(second) / (0.6745 * np.sqrt(6.0)))
         sensors[item.name] = {**shown, **({"white_noise": float(f"{noise:.3g}")} if noise > 0.0 else {})}

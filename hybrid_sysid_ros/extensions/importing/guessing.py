@@ -10,6 +10,7 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.importing import mapping
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, words_of
 from hybrid_sysid_ros.extensions.importing.time_columns import time_of, times_of_column
+from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.units import named
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, wraps_of
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -19,7 +20,7 @@ INPUTS = (
     "u", "in", "input", "cmd", "command", "ctrl", "control", "drive", "force", "torque", "voltage", "volt", "pwm",
     "duty", "current", "effort", "actuator", "actuation", "excitation", "motor", "pump", "valve", "throttle", "heater",
     "pedal", "brake", "accelerator", "steering", "elevator", "aileron", "rudder", "thrust", "fan", "stellgröße",
-    "stellgroesse", "stellwert", "spannung", "strom", "drehmoment", "kraft", "ventil", "pumpe", "x",
+    "stellgroesse", "stellwert", "spannung", "strom", "drehmoment", "kraft", "ventil", "pumpe", "x", "f",
 )  # fmt: skip
 OUTPUTS = (
     "y", "out", "output", "pos", "position", "angle", "theta", "phi", "q", "speed", "velocity", "vel", "omega", "rate",
@@ -103,14 +104,16 @@ def guessed(
     if "time" not in given:
         time = times_of_column(file, found[rig.system.outputs[0].name], time, units)
 
+    values = file.read(list(dict.fromkeys(column for name, column in found.items() if name != "time")))
+
     def column_of(name: str) -> mapping.SignalColumn:
         column = file.columns[found[name]]
         own = column.time if time.column and column.time != time.column else ""
         unit = units.get(name, column.unit)
         rig_unit = next((item.unit for item in items if item.name == name), "")
-        return mapping.SignalColumn(
-            column=column.name, unit=unit, time=own, unwrap=comes_wrapped(file, column.name, unit or rig_unit)
-        )
+        its, turn = values[column.name], turn_of(unit or rig_unit)
+        wraps = turn is not None and turn_of(rig_unit) is not None and len(wraps_of(its, turn)) > 0
+        return mapping.SignalColumn(column=column.name, unit=unit, time=own, unwrap=wraps, missing=sentinel_of(its))
 
     return mapping.ImportMapping(
         time=time,
@@ -118,12 +121,6 @@ def guessed(
         outputs={item.name: column_of(item.name) for item in rig.system.outputs},
         channels={name: column_of(name) for name in extra if name in given},
     )
-
-
-def comes_wrapped(file: LogFile, column: str, unit: str) -> bool:
-    """Whether a column of a unit has an angle modulo a turn."""
-    turn = turn_of(unit)
-    return turn is not None and len(wraps_of(file.read([column])[column], turn)) > 0
 
 
 def _is_sure(scores: Sequence[tuple[float, LogColumn]]) -> bool:

@@ -23,10 +23,32 @@ MOST_COLUMNS = 20_000
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[^\W\d_][^\W\dA-Z_]*|\d+")
 _SI = {prefix + symbol for prefix in ("", *PREFIXES) for symbol in {*SYMBOLS} - {"1"} if len(prefix + symbol) > 1}
 UNITS = frozenset(
-    _SI - {"nm"} | {"deg", "rpm", "RPM", "Nm", "Nmm", "sec", "bar", "mbar", "kmh", "kph", "mph", "%", "°"}
+    _SI - {"nm"}
+    | {
+        "deg",
+        "rpm",
+        "RPM",
+        "Nm",
+        "Nmm",
+        "sec",
+        "bar",
+        "mbar",
+        "kmh",
+        "kph",
+        "mph",
+        "ml",
+        "%",
+        "percent",
+        "°",
+        "degC",
+        "degF",
+    }
 )
 """Units that may end a name; nm may be the torque's."""
 _END = re.compile(r"(?P<front>.*?[^\s_/])(?:_|\s*/\s*|\s+)(?P<unit>[^\s_/]+(?:/(?:s|s\^2|s²|min|h))?)$")
+_RATE = re.compile(r"(?P<front>.*?[^\s_/])_(?P<unit>[^\W_]+)_(?P<time>s|min|h)$")
+RATED = frozenset(("l", "L", "m", "rad"))
+"""Units that end a name only as rates, such as flow_l_min."""
 UNITED = re.compile(r"(?P<name>.+?)\s*/?\s*[\[(](?P<unit>[^\])]*)[\])]$")
 """A name with its unit in brackets, "n/(1/min)", too."""
 
@@ -130,6 +152,8 @@ def without_unit(name: str) -> str:
 
 def _parted(name: str) -> tuple[str, str]:
     """A name and the unit that ends it."""
+    if (rate := _RATE.match(name)) and rate["unit"] in (*UNITS, *RATED):
+        return rate["front"], f"{rate['unit']}/{rate['time']}"
     match = _END.match(name)
     if match is None or name.startswith("/"):
         return name, ""

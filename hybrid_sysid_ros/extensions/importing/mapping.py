@@ -74,6 +74,8 @@ class SignalColumn:
     """Column with its times, where that is another one than the record's."""
     unwrap: bool = False
     """Whether the column has an angle modulo a turn, which is made whole."""
+    missing: float | None = None
+    """Number in the column that stands for a missing value."""
     holds: str = "following"
     """Of an input: its value acts from its time on ("following", a command), or until then ("preceding")."""
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.units import LARGEST
-from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, wraps_of
+from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unit_of_wraps, wraps_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import counted
 
@@ -90,7 +91,7 @@ def sample_findings(signal: CheckedSignal) -> Iterator[RecordFinding]:
             cure="name the right column, or " + ("drive the rig by it" if signal.is_input else "repair the sensor"),
         )  # fmt: skip
         return
-    if beyond := list(_impossible(signal)) or list(_wrapped(signal)):
+    if beyond := list(_impossible(signal)) or list(_sentinel(signal)) or list(_wrapped(signal)):
         signal.explained = True
         yield from beyond
         return
@@ -118,15 +119,30 @@ def _impossible(signal: CheckedSignal) -> Iterator[RecordFinding]:
         )  # fmt: skip
 
 
+def _sentinel(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """A number that stands for missing values."""
+    if (value := sentinel_of(signal.values)) is not None:
+        is_it = signal.values == value
+        signal.spoilt |= is_it
+        yield RecordFinding(
+            kind="sentinel value", cost=0.78,
+            words=f"{signal.name} is {signal.shown(value)} in {counted(int(is_it.sum()), 'sample')}, far from all "
+            f"others, the first at {signal.at(int(np.argmax(is_it)))}: so loggers mark what is missing (a guess)",
+            cure="say missing: with that number, as its column has it, in import.yaml, and import the record anew",
+        )  # fmt: skip
+
+
 def _wrapped(signal: CheckedSignal) -> Iterator[RecordFinding]:
     """An angle modulo a turn."""
-    turn = turn_of(signal.unit)
+    unit = unit_of_wraps(signal.values) if signal.unit in ("", "1") else signal.unit
+    turn = turn_of(unit)
     if turn and len(places := wraps_of(signal.values, turn)):
+        stated = "" if unit == signal.unit else f"make the rig anew with --unit {signal.name}={unit} (a guess), or "
         yield RecordFinding(
             kind="the angle wraps", cost=0.95,
             words=f"{signal.name} comes modulo a turn and jumps by one {counted(len(places), 'time')}, the first "
             f"behind {signal.at(int(places[0]))}",
-            cure="say unwrap: true for its column in import.yaml, and import the record anew",
+            cure=f"{stated}say unwrap: true for its column in import.yaml, and import the record anew",
         )  # fmt: skip
 
 

@@ -47,6 +47,9 @@ OTHERS: Mapping[str, Unit] = {
     "mph": Unit("m", 1, 0.44704),
     "bar": Unit("Pa", 0, 1e5),
     "mbar": Unit("Pa", 0, 1e2),
+    **dict.fromkeys(("l", "L"), Unit("m^3", 0, 1e-3)),
+    **dict.fromkeys(("ml", "mL"), Unit("m^3", 0, 1e-6)),
+    "m^3": Unit("m^3"),
     **dict.fromkeys(("ft", "foot", "feet"), Unit("m", 0, 0.3048)),
     **dict.fromkeys(("%", "percent", "pct"), Unit(PERCENT)),
     **dict.fromkeys(("min", "mins", "minute", "minutes"), Unit(TIME, 0, 60.0)),
@@ -62,13 +65,13 @@ NAMES: Mapping[str, str] = {
 }  # fmt: skip
 """Names of symbols."""
 LETTERS: Mapping[str, frozenset[str]] = {
-    "V": frozenset(("voltage", "volt", "u", "spannung")),
+    "V": frozenset(("voltage", "volt", "u", "spannung", "pump", "motor", "heater", "drive", "supply")),
     "A": frozenset(("current", "i", "strom")),
     "N": frozenset(("force", "f", "load", "thrust", "kraft")),
     "m": frozenset(("position", "pos", "x", "level", "height", "h", "distance", "displacement", "stroke", "weg")),
     "s": frozenset(("time", "t", "zeit", "timestamp", "elapsed")),
     "h": frozenset(("time", "t", "zeit", "elapsed")),
-    "K": frozenset(("temperature", "temp", "temperatur")),
+    "K": frozenset(("temperature", "temp", "temperatur", "t")),
     "W": frozenset(("power", "leistung")),
 }
 """Units of one letter, which may be anything: behind these words only they end a name."""

@@ -30,6 +30,11 @@ def turn_of(unit: str) -> float | None:
     return 2.0 * math.pi / found.factor if found is not None and (found.base, found.per) == ("rad", 0) else None
 
 
+def unit_of_wraps(values: Array) -> str:
+    """The unit in which values (samples,) come modulo a turn, "rad" or "deg"; "" where they don't."""
+    return next((unit for unit in ("rad", "deg") if len(wraps_of(values, turn_of(unit) or 1.0))), "")
+
+
 def wraps_of(values: Array, turn: float) -> NDArray[np.intp]:
     """Samples (wraps,) behind which an angle (samples,) wraps; none where it does not."""
     none, known = np.empty(0, dtype=np.intp), values[np.isfinite(values)]

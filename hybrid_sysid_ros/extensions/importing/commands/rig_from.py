@@ -74,7 +74,14 @@ def command(
         console.print(f"left out: {', '.join(left[:30])}, whose names don't say what they are (--input, --output)")
     for name, mapped in made.mapping.signals.items():
         if mapped.unwrap:
-            console.print(f"{name} comes modulo a turn, and is made whole (unwrap in {FILE})")
+            console.print(f"{name} comes modulo a turn [{mapped.unit}], and is made whole (unwrap in {FILE})")
+        if mapped.missing is not None:
+            console.print(f"{name}: {mapped.missing:g} stands for missing values, a guess (missing in {FILE})")
+    for name in made.turning:
+        console.print(
+            f"{name} goes beyond half a turn, which a linear equation says nothing of: if it is a pendulum, put "
+            f"its sine into {SYSTEM}, or identify with --structure state_space"
+        )
     for name, seconds in made.delays.items():
         console.print(f"{name} acts {seconds:.3g} s later, which {name}_delay of {SYSTEM} begins at and fits correct")
     console.print(f"{place}: {SYSTEM}, {VALUES} and {FILE}")

@@ -329,6 +329,14 @@ def test_a_file_larger_than_the_memory_is_refused_before_it_is_read(imported, tm
         ("n/(1/min)", "", ["n"]),
         ("/imu/m", "", ["m"]),
         ("level_min", "", ["level", "min"]),
+        ("omega_deg_s", "deg/s", ["omega"]),
+        ("roll_rate_rad_s", "rad/s", ["roll", "rate"]),
+        ("flow_l_min", "l/min", ["flow"]),
+        ("T/K", "K", ["t"]),
+        ("pump1_V", "V", ["pump", "1"]),
+        ("room_degC", "degC", ["room"]),
+        ("heater_percent", "percent", ["heater"]),
+        ("x_s", "", ["x", "s"]),
     ],
 )
 def test_a_unit_ends_a_name_where_the_name_says_what_it_measures(name, unit, words):
@@ -338,6 +346,7 @@ def test_a_unit_ends_a_name_where_the_name_says_what_it_measures(name, unit, wor
 
 def test_units_of_industry_are_si():
     assert named("bar") == Unit("Pa", 0, 1e5)
+    assert named("l/min") == Unit("m^3", 1, 1e-3 / 60)
     assert named("kmh") == named("km/h") == Unit("m", 1, 1 / 3.6)
 
 

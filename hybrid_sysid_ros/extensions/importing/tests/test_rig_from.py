@@ -219,3 +219,38 @@ def test_a_record_with_an_impossible_value_makes_no_rig(program, tmp_path):
     refused(
         program("rig", "from", str(path), str(tmp_path / "made")), "y has values that no rig reaches, such as 1e+308"
     )
+
+
+def test_a_force_and_a_position_are_no_x_and_its_y(program, tmp_path):
+    status, out, error = program("rig", "from", written(tmp_path / "log.csv", 0.01, "t,F,x"), str(tmp_path / "cart"))
+    assert (status, "inputs: F; outputs: x" in out) == (0, True), out + error
+
+
+def test_missing_values_that_a_number_marks_are_left_out(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time, u, y = response(0.02)
+    y[[300, 301, 302, 700]] = -999.0
+    np.savetxt("log.csv", np.column_stack([time, u, y]), delimiter=",", header="time,u,y", comments="")
+    status, out, error = program("rig", "from", "log.csv", "./marked")
+    assert (status, "y: -999 stands for missing values" in out) == (0, True), out + error
+    assert program("import", "log.csv", "--rig", "./marked")[0] == 0
+    record = hs.read_bag("bags/log", "./marked")
+    assert record.output.min() > -10.0
+    assert record.measured is not None
+    assert np.flatnonzero(~record.measured).tolist() == [300, 301, 302, 700]
+    (tmp_path / "marked" / "import.yaml").unlink()
+    assert program("import", "log.csv", "--rig", "./marked", "--overwrite")[0] == 0
+    assert "missing: -999" in (tmp_path / "marked" / "import.yaml").read_text()
+
+
+def test_an_angle_that_wraps_is_unwrapped_without_its_unit(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time, drive, angle = response(0.02)
+    turned = 8.0 * angle
+    rows = np.column_stack([time, drive, turned % (2.0 * np.pi)])
+    np.savetxt("log.csv", rows, delimiter=",", header="time,drive,angle", comments="", fmt="%.9g")
+    status, out, error = program("rig", "from", "log.csv", "./turner")
+    assert (status, "angle comes modulo a turn [rad]" in out) == (0, True), out + error
+    assert program("import", "log.csv", "--rig", "./turner")[0] == 0
+    found = hs.read_bag("bags/log", "./turner").output[:, 0]
+    np.testing.assert_allclose(found - found[0], turned - turned[0], atol=1e-6)
