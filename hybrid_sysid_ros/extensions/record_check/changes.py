@@ -16,14 +16,20 @@ PIECES, FEWEST = 12, 40
 """Pieces of a record that are compared, and fewest samples of each."""
 LAWFUL = 0.8
 """Correlation of most pieces with the rig's physics from which another scale or delay is not the law's own fault."""
-OTHER_SCALE, OTHER_NOISE = 1.35, 2.5
-"""Ratios from which a part of a record has another scale, or another noise."""
+OTHER_SCALE, OTHER_NOISE, OTHER_ZERO = 1.35, 2.5, 0.03
+"""Ratios from which a part of a record has another scale, or another noise, and share of the span from which it has
+another zero.
+"""
+NEAR_SCALE, SHARP = 1.2, 0.95
+"""The same where the parts follow the physics that sharply."""
 ALIKE, BETTER = 0.2, 0.25
 """Scatter about two levels, in their distance, and squares about them, in those about a line, below which a part is
 another one: friction scatters, and a clock that is fast makes a line.
 """
 JUMP, MOST_JUMPS, LASTING = 4.0, 3, 0.6
 """Jump of a zero in the largest usual change, most of such jumps in a record, and share of a jump that lasts."""
+OUTSTANDS = 4.0
+"""Another zero, in the deviation from the physics within a piece, from which it is one."""
 AROUND = 5
 """Samples before and after a jump that show whether it lasts."""
 
@@ -36,6 +42,16 @@ class OtherStretch:
     stop: int
     inside: float
     outside: float
+
+    def rest(self) -> OtherStretch:
+        """The pieces before or behind a stretch that lies at an end."""
+        first, stop = (self.stop, PIECES) if self.first == 0 else (0, self.first)
+        return OtherStretch(first=first, stop=stop, inside=self.outside, outside=self.inside)
+
+    def beyond(self, away: Array, parts: Sequence[slice]) -> bool:
+        """Whether the step is larger than what a signal (samples,) otherwise varies by within the pieces."""
+        inner = [float(np.std(away[part])) for part in parts]
+        return abs(self.inside - self.outside) > OUTSTANDS * float(np.median(inner))
 
 
 def other_stretch(values: Array, least: float) -> OtherStretch | None:
@@ -64,21 +80,25 @@ def other_stretch(values: Array, least: float) -> OtherStretch | None:
     return found if step > least and best < min(count * (ALIKE * step) ** 2, BETTER * float(line @ line)) else None
 
 
-def changes_of(signal: CheckedSignal, expected: Array, inputs: Sequence[Array], apart: int) -> Iterator[RecordFinding]:
-    """What changes along a record; expected: by the rig's physics, (samples,); apart: samples in which it changes."""
+def changes_of(
+    signal: CheckedSignal, expected: Array, inputs: Sequence[Array], apart: int, certain: float
+) -> Iterator[RecordFinding]:
+    """What changes along a record; expected: by the rig's physics, (samples,); apart: samples in which it changes;
+    certain: correlation of most pieces with the physics from which what differs is not the law's own fault.
+    """
     length = len(expected) // PIECES
     if length < max(FEWEST, 4 * apart):
         return
     parts = [slice(k * length, (k + 1) * length) for k in range(PIECES)]
     pieces = [_piece(signal, expected, part, apart) for part in parts]
-    lawful = float(np.median([piece.correlation if piece else 0.0 for piece in pieces])) > LAWFUL
+    lawful = float(np.median([piece.correlation if piece else 0.0 for piece in pieces])) > certain
     clear = [piece if lawful and piece and piece.correlation > CLEAR else None for piece in pieces]
 
     def found_in(values: list[float], least: float) -> OtherStretch | None:
         found = other_stretch(np.array(values), least)
         if found is None or found.first:
             return found
-        return OtherStretch(first=found.stop, stop=PIECES, inside=found.outside, outside=found.inside)
+        return found.rest()
 
     def where(stretch: OtherStretch) -> str:
         first, last = signal.at(stretch.first * length), signal.at(stretch.stop * length)
@@ -86,7 +106,7 @@ def changes_of(signal: CheckedSignal, expected: Array, inputs: Sequence[Array], 
             return f"from about {first} on"
         return f"from about {first} to {last}" if stretch.first else f"until about {last}"
 
-    turned = [np.sign(piece.correlation) if piece and abs(piece.correlation) > LAWFUL else np.nan for piece in pieces]
+    turned = [np.sign(piece.correlation) if piece and abs(piece.correlation) > certain else np.nan for piece in pieces]
     signs = found_in(turned, 1.0)
     if signs is not None and _at_once(pieces, turned, apart):
         yield RecordFinding(
@@ -96,7 +116,10 @@ def changes_of(signal: CheckedSignal, expected: Array, inputs: Sequence[Array], 
         )  # fmt: skip
         return
     lags = found_in([piece.lag if piece else np.nan for piece in clear], max(SHORTEST_LAG, SHARE * apart))
-    scales = found_in([np.log(piece.scale) if piece else np.nan for piece in clear], float(np.log(OTHER_SCALE)))
+    scales = None
+    for least, sure in ((OTHER_SCALE, CLEAR), (NEAR_SCALE, SHARP)):
+        sharp = [np.log(piece.scale) if piece and piece.correlation > sure else np.nan for piece in clear]
+        scales = scales or found_in(sharp, float(np.log(least)))
     if scales is not None:
         ratio = float(np.exp(scales.inside - scales.outside))
         yield RecordFinding(
@@ -112,10 +135,21 @@ def changes_of(signal: CheckedSignal, expected: Array, inputs: Sequence[Array], 
             cure="samples were lost or a clock was set there: import the parts before and behind apart",
         )  # fmt: skip
     if scales is None and lags is None:
-        yield from _jumps(signal, expected, inputs)
+        jumps = list(_jumps(signal, expected, inputs))
+        yield from jumps
+        away = signal.values - expected
+        zeros = found_in([float(np.median(away[part])) for part in parts], OTHER_ZERO * signal.span) if lawful else None
+        if zeros is not None and not jumps and zeros.beyond(away, parts):
+            yield RecordFinding(
+                kind="jump", cost=0.6,
+                words=f"{signal.name} is {signal.shown(zeros.inside - zeros.outside)} above elsewhere {where(zeros)}",
+                cure="was its zero set anew there? import the parts before and behind apart",
+            )  # fmt: skip
     usual = max(float(np.hypot(signal.noise, signal.count)), 2e-3 * signal.span)
     sizes = [float(np.hypot(noise_rms(signal.values[part]), usual)) for part in parts]
     noises = other_stretch(np.log(sizes), float(np.log(OTHER_NOISE)))
+    if noises is not None and noises.inside < noises.outside and (noises.first == 0 or noises.stop == PIECES):
+        noises = noises.rest()
     if noises is not None and noises.inside > noises.outside and scales is None:
         ratio = float(np.exp(noises.inside - noises.outside))
         yield RecordFinding(

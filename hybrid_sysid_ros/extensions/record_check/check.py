@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.record_check.expectation import is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.relation import wanders
 from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held, response_findings
@@ -40,7 +41,8 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     found += _whole(record, signals)
     found += _unrelated(record, signals)
     if not any(item.cost >= SILENT for item in found):
-        found += response_findings(record, rig, signals)
+        responses = response_findings(record, rig, signals)
+        found += map(_of_guess, responses) if is_guessed(rig) else responses
         found = [item for item in (_of_held_input(item, record, rig) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
 
@@ -60,12 +62,19 @@ def _unrelated(record: Record, signals: list[CheckedSignal]) -> Iterator[RecordF
             )  # fmt: skip
 
 
+def _of_guess(item: RecordFinding) -> RecordFinding:
+    """What contradicts a guessed law blocks no fit, which finds another one."""
+    if not item.blocks:
+        return item
+    return replace(item, cost=0.79, cure=f"{item.cure}; or the law, a guess of rig from, is wrong: correct system.py")
+
+
 def _of_held_input(item: RecordFinding, record: Record, rig: Rig) -> RecordFinding | None:
     """A held input is no fault where the outputs answer it at its times; where nobody can tell, it is a remark."""
     if not item.samples:
         return item
     acts = input_acts_as_held(record, rig, item.samples)
-    return None if acts else item if acts is False else replace(item, cost=0.2)
+    return None if acts else item if acts is False and not is_guessed(rig) else replace(item, cost=0.2)
 
 
 def signals_of(record: Record, rig: Rig) -> list[CheckedSignal]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.signal import coherence, welch
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import rollouts
 from hybrid_sysid_ros.extensions.record_check.alignment import (
     BEYOND,
     CLEAR,
@@ -22,15 +21,14 @@ from hybrid_sysid_ros.extensions.record_check.alignment import (
     changes,
     time_of_change,
 )
-from hybrid_sysid_ros.extensions.record_check.changes import changes_of
+from hybrid_sysid_ros.extensions.record_check.changes import LAWFUL, changes_of
+from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of
+from hybrid_sysid_ros.extensions.record_check.relation import answers
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, runs_of
-from hybrid_sysid_ros.identification.experiment import prepare
-from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
 
 PIECES = 8
 """Pieces of a record whose delays show a drift."""
@@ -38,46 +36,16 @@ LONGEST_LAG, CHANGES = 80, 8
 """Longest delay that is looked for, in samples and in times of a change: the longer one."""
 SHORTEST_FROZEN = 8
 """Samples from which a sensor that stays where it is counts as frozen."""
-MOST_STEPS = 1_000_000
-"""Most steps in which the rig is simulated over a record; longer records take longer steps than the rig's own."""
-PUSH, UNSTABLE = 1e-6, 1e3
-"""Share of a first state by which a second run begins elsewhere, and growth of the runs' distance that only an unstable
-rig shows: a free run of such a rig says nothing of its record."""
-COHERENT = 0.35
-"""Coherence below which an output hardly follows the inputs, whatever the rig's parameters are. A fit is not blocked,
-since a law that folds, such as an absolute speed, shows none either."""
+COHERENT = 0.5
+"""Coherence from which an output follows the inputs, whatever the rig's parameters are."""
+CERTAIN = 0.95
+"""Correlation with a guessed law below which what contradicts it may be the law's own fault."""
+DRIFTS, STRAIGHT = 0.1, 0.9
+"""Rise of a sensor's drift, in the motion that is expected, and share of the error along its line, that show it."""
+DOUBTFUL = 0.55
+"""Cost of an output that hardly follows: a recorder that holds an input costs more, and is a cause of it."""
 LESS = 0.5
 """Error that a play must leave, in that of the rig's physics, which may know of it."""
-
-
-def expected_outputs(record: Record, rig: Rig) -> Array | None:
-    """What the rig's own physics make of the record's inputs, (samples, outputs); None where they grow beyond all
-    numbers, forget where they began as an unstable rig does, or the record is too short. A rig with a stabiliser is
-    unstable, even if a fall ends its growth.
-    """
-    if rig.experiments.stabiliser is not None:
-        return None
-    period = record.sampling_time
-    step = period / max(1, round(period / max(rig.step, record.duration / MOST_STEPS)))
-    try:
-        experiment = prepare(record, rig.system, Sampling(step=step, period=period))
-    except UserError:
-        return None
-    starts = np.array([[0, 0, experiment.samples, 0]], dtype=np.int64)
-    every = experiment.sampling.every
-
-    def run(state: Array) -> Array:
-        with np.errstate(all="ignore"):
-            _, outputs = rollouts(rig.system, starts, state[None], experiment.inputs, step=step, every=every)
-        return np.asarray(outputs).reshape(-1, record.output.shape[1])[: record.samples]
-
-    first = experiment.states[0]
-    push = PUSH * np.maximum(np.abs(experiment.states).max(axis=0), PUSH)
-    found, pushed = run(first.copy()), run(first + push)
-    if not (np.isfinite(found).all() and np.isfinite(pushed).all() and len(found) == record.samples):
-        return None
-    distance = np.abs(pushed - found).max(axis=1)
-    return found if distance[-1] < UNSTABLE * max(distance[: max(len(distance) // 50, 2)].max(), 1e-300) else None
 
 
 def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -> Iterator[RecordFinding]:
@@ -86,7 +54,7 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
     inputs, outputs = ([item for item in signals if item.is_input is kind] for kind in (True, False))
     if expected is None:
         return
-    period = record.sampling_time
+    period, guessed = record.sampling_time, is_guessed(rig)
     if len(outputs) > 1 and (swap := _swapped(outputs, expected)):
         yield swap
         return
@@ -100,15 +68,12 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
             yield from _frozen(signal, expected[:, k])
         apart = time_of_change(expected[:, k])
         longest = min(max(LONGEST_LAG, CHANGES * apart), record.samples // 6)
-        parts = list(changes_of(signal, expected[:, k], record.input.T, apart))
+        parts = list(changes_of(signal, expected[:, k], record.input.T, apart, CERTAIN if guessed else LAWFUL))
         if parts:
             yield from parts
             continue
-        good = ~signal.spoilt
-        found = best_alignment(signal.values, expected[:, k], good, apart, longest)
-        judged = list(
-            _judged(signal, _coherence(record, signal.values), found, expected[:, k], good, apart, longest, period)
-        )
+        found = best_alignment(signal.values, expected[:, k], ~signal.spoilt, apart, longest)
+        judged = list(_judged(record, signal, found, expected[:, k], apart, longest, rig))
         if found.correlation > CLEAR and not signal.explained and not rig.system.contacts:  # friction turns round alike
             delays = (rig.system.input_delays / period).tolist()
             if play := _hysteresis(inputs, delays, signal, expected[:, k], found.lag):
@@ -143,11 +108,16 @@ def _coherence(record: Record, output: Array) -> float:
     return max(found)
 
 
+def _is_answered(record: Record, output: Array) -> bool:
+    """Whether an output answers the inputs, whatever the rig's law says."""
+    return _coherence(record, output) > COHERENT or answers(record.input, output)
+
+
 def _judged(
-    signal: CheckedSignal, coherent: float, found: Alignment, expected: Array, good: NDArray[np.bool_], apart: int,
-    longest: int, period: float,
-) -> Iterator[RecordFinding]:  # fmt: skip
+    record: Record, signal: CheckedSignal, found: Alignment, expected: Array, apart: int, longest: int, rig: Rig
+) -> Iterator[RecordFinding]:
     """What one output shows, once it has been aligned with what the physics make of the inputs."""
+    good = ~signal.spoilt
     drift = _drift(signal, expected, good, apart, longest)
     if drift is not None and abs(drift) * len(good) > max(3.0, 0.15 * apart):
         yield RecordFinding(
@@ -157,7 +127,8 @@ def _judged(
         )  # fmt: skip
         return
     ratio = float(np.std(changes(signal.values, apart)) / max(np.std(changes(expected, apart)), 1e-300))
-    if abs(found.correlation) < CLEAR and ratio > BEYOND and not signal.explained:
+    guessed, follows = is_guessed(rig), abs(found.correlation)
+    if follows < CLEAR and ratio > BEYOND and not (signal.explained or guessed):
         yield RecordFinding(
             kind="scale", cost=0.78,
             words=f"{signal.name} moves {ratio:.3g} times as far as the rig's physics make of these inputs",
@@ -165,19 +136,27 @@ def _judged(
             "it is a guess",
         )  # fmt: skip
         return
-    if signal.explained and abs(found.correlation) < CLEAR:
+    if follows < CLEAR and signal.explained:
         return
-    if abs(found.correlation) < RELATED:
+    answered = follows > CLEAR or _is_answered(record, signal.values)
+    if answered and follows < (CLEAR if guessed else RELATED):
         yield RecordFinding(
-            kind="no relation", cost=0.79 if coherent < COHERENT else 0.7,
-            words=f"{signal.name} does not follow the inputs as the rig's physics say (correlation "
-            f"{found.correlation:.2f}, coherence with the inputs {coherent:.2f})",
-            cure="is it the right column, of the same experiment? or are the rig's parameters far off?"
-            if coherent < COHERENT
-            else "it does follow them, so the rig's law is another one: correct it, or take --structure state_space",
+            kind="another law", cost=0.3 if guessed else 0.7,
+            words=f"{signal.name} answers the inputs, but not as the rig's law says (correlation "
+            f"{found.correlation:.2f}, {ratio:.3g} times as far)",
+            cure=f"{'the law is a guess of rig from: put physics into system.py' if guessed else 'correct the law'}, "
+            "or take --structure state_space; or is a column another one?",
         )  # fmt: skip
         return
-    if abs(found.correlation) < CLEAR:
+    if not answered:
+        yield RecordFinding(
+            kind="no relation", cost=0.79 if follows < RELATED else DOUBTFUL,
+            words=f"{signal.name} does not follow the inputs as the rig's law says (correlation "
+            f"{found.correlation:.2f}), nor their squares and products, at any lag",
+            cure="is it the right column, of the same experiment? a law with memory of its own may hide an answer",
+        )  # fmt: skip
+        return
+    if follows < (CERTAIN if guessed else CLEAR):
         return
     if found.correlation < 0.0:
         yield RecordFinding(
@@ -186,15 +165,19 @@ def _judged(
             cure="turn the sensor or the input round: sign: -1 in import.yaml, or a negative scale in --signals",
         )  # fmt: skip
         return
-    yield from _differences(signal, found, expected, apart, period)
+    yield from _differences(signal, found, expected, apart, rig)
 
 
 def _differences(
-    signal: CheckedSignal, found: Alignment, expected: Array, apart: int, period: float
+    signal: CheckedSignal, found: Alignment, expected: Array, apart: int, rig: Rig
 ) -> Iterator[RecordFinding]:
     """Delay, drift and scale of an output that clearly is the one of the physics."""
-    late = found.lag * period
-    if abs(found.lag) > max(SHORTEST_LAG, SHARE * apart) and found.correlation > 0.75:
+    late, guessed = found.lag * signal.period, is_guessed(rig)
+    if late < 0.0 and guessed:
+        shortest = np.inf  # a guess may be slower than the rig
+    else:
+        shortest = max(SHORTEST_LAG, SHARE * apart, rig.step / signal.period if guessed else 0.0)
+    if abs(found.lag) > shortest and found.correlation > 0.75:
         way = "later" if late > 0 else "earlier"
         shown = f"{1e3 * abs(late):.3g} ms" if abs(late) < 1.0 else f"{abs(late):.3g} s"
         yield RecordFinding(
@@ -206,8 +189,8 @@ def _differences(
     apart_from = signal.values - expected
     line = np.polyfit(np.arange(len(expected)), apart_from, 1)
     rise = abs(float(line[0])) * len(expected)
-    straight = np.var(np.polyval(line, np.arange(len(expected)))) > 0.9 * np.var(apart_from)
-    if straight and rise > 0.8 * float(np.ptp(expected)) and found.correlation > 0.7:
+    straight = np.var(np.polyval(line, np.arange(len(expected)))) > STRAIGHT * np.var(apart_from)
+    if straight and rise > DRIFTS * float(np.ptp(expected)) and found.correlation > 0.7:
         yield RecordFinding(
             kind="sensor drift", cost=0.6,
             words=f"{signal.name} leaves what the rig's physics say by {signal.shown(rise)}, along a straight line",

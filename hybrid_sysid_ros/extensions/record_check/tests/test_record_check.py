@@ -16,11 +16,13 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import joint_states, write_bag
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.importing.tests.test_rig_from import written
+from hybrid_sysid_ros.extensions.record_check.changes import changes_of
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of, played
-from hybrid_sysid_ros.extensions.record_check.relation import wanders
+from hybrid_sysid_ros.extensions.record_check.relation import answers, wanders
 from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
+from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
 from tests.command_line import refused
 
@@ -286,3 +288,102 @@ def test_a_walk_is_related_to_no_input_and_an_answer_in_noise_is(seed):
     assert wanders(u[:, None], walk)
     assert not wanders(u[:, None], lagged + 0.2 * random.normal(size=2000))
     assert not wanders(u[:, None], np.abs(lagged) + 0.01 * random.normal(size=2000))
+
+
+@pytest.mark.parametrize("dead", [0, 300, 1200])
+def test_a_product_of_inputs_and_a_long_dead_time_are_answers_and_chance_is_none(dead):
+    random = np.random.default_rng(dead)
+    u = np.repeat(random.uniform(-1.0, 1.0, (100, 2)), 60, axis=0)
+    driven = lfilter([0.03], [1.0, -0.97], u[:, 0] * u[:, 1])
+    late = np.append(np.zeros(dead), driven)[: len(u)] + 0.005 * random.normal(size=len(u))
+    assert answers(u, late)
+    other = lfilter([0.03], [1.0, -0.97], np.repeat(random.uniform(-1.0, 1.0, 100), 60))
+    assert not answers(u, other + 0.005 * random.normal(size=len(u)))
+    assert not answers(np.roll(late, 0)[:, None], u[:, 0])  # what comes later
+
+
+def test_a_pendulum_that_goes_round_contradicts_the_guessed_law_and_not_its_sensor(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    random, state, angles = np.random.default_rng(0), np.zeros(2), []
+    torque = np.repeat(random.uniform(-8.0, 8.0, 30), 100)
+    for u in torque:
+        angles.append(state[0])
+        for _ in range(5):
+            state = state + 0.002 * np.array([state[1], u - 9.81 * np.sin(state[0]) - 0.5 * state[1]])
+    rows = np.column_stack([0.01 * np.arange(3000), torque, angles])
+    np.savetxt("p.csv", rows, delimiter=",", header="time,torque [Nm],angle [rad]", comments="")
+    program = partial(call, app.main, "hybrid-sysid")
+    status, out, _ = program("rig", "from", "p.csv", "./pendulum_round")
+    assert (status, "angle goes beyond half a turn" in out) == (0, True)
+    assert program("import", "p.csv", "--rig", "./pendulum_round")[0] == 0
+    found = findings_of(hs.read_bag("bags/p", "./pendulum_round"), hs.load_rig("./pendulum_round"))
+    assert found[0].kind == "another law"
+    assert "a guess" in found[0].cure
+    assert not found[0].blocks
+
+
+@pytest.mark.parametrize("value", [-999.0, 9999.0, 3276.7, 12345.0])
+def test_a_number_that_stands_for_missing_values_is_named(value):
+    random = np.random.default_rng(0)
+    whole = 300.0 + np.cumsum(random.normal(size=2000))
+    marked = np.where(random.uniform(size=2000) < 0.01, value, whole)
+    (found,) = sample_findings(CheckedSignal(name="t", unit="K", values=marked, period=0.1, is_input=False))
+    assert (found.kind, found.blocks) == ("sentinel value", False)
+    assert sentinel_of(whole) is None
+    assert sentinel_of(np.where(whole > np.median(whole), 999.0, 0.0)) is None  # two levels
+    assert sentinel_of(np.minimum(whole, np.quantile(whole, 0.9))) is None  # clipped
+
+
+def test_a_guessed_law_that_is_slower_than_the_rig_accuses_no_sensor_of_haste(call, tmp_path, monkeypatch):
+    """A lag of first order, which the equation of second order follows a step of the fit later."""
+    monkeypatch.chdir(tmp_path)
+    u = np.repeat(np.random.default_rng(0).choice([0.0, 5.0], 400), 50)
+    rows = np.column_stack([1e-5 * np.arange(len(u)), u, lfilter([0.01], [1.0, -0.99], u)])
+    rows[:, 2] += 0.005 * np.random.default_rng(1).normal(size=len(u))
+    np.savetxt("rc.csv", rows, delimiter=",", header="time,v_in,v_out", comments="")
+    program = partial(call, app.main, "hybrid-sysid")
+    assert (
+        program("rig", "from", "rc.csv", "./low_pass")[0] == program("import", "rc.csv", "--rig", "./low_pass")[0] == 0
+    )
+    assert findings_of(hs.read_bag("bags/rc", "./low_pass"), hs.load_rig("./low_pass")) == []
+
+
+def test_an_angle_without_a_unit_wraps_too():
+    wrapped = np.degrees(8.0 * np.sin(np.linspace(0.0, 20.0, 2000))) % 360.0
+    (found,) = sample_findings(CheckedSignal(name="a", unit="1", values=wrapped, period=0.01, is_input=False))
+    assert found.kind == "the angle wraps"
+    assert "--unit a=deg" in found.cure
+
+
+def test_values_beyond_all_numbers_make_no_warnings():
+    values = np.where(np.arange(2000) % 7 == 3, 1e300, np.sin(np.arange(2000.0)))
+    with np.errstate(all="raise"):
+        (found,) = sample_findings(CheckedSignal(name="a", unit="1", values=values, period=0.01, is_input=False))
+        findings_of(replace(record(), output=1e300 * record().output), hs.load_rig(RIG))
+    assert found.kind == "impossible values"
+
+
+def test_what_changes_by_little_and_lasts_is_named():
+    """A zero, a scale and a drift that no jump and no size of the whole shows."""
+    rig = hs.load_rig("flexible_joint")
+    r = bags.read(ROOT / "bags" / "flexible_joint_multisine", rig.signals)
+    y, half = r.output, np.arange(r.samples) >= r.samples // 2
+    size, whole = np.ptp(y, axis=0), np.arange(r.samples) / r.samples
+    faults = {
+        "jump": y + 0.1 * size * half[:, None],
+        "change of scale": np.where(half[:, None], 1.3, 1.0) * y,
+        "sensor drift": y + 0.3 * size * whole[:, None],
+    }
+    found = {kind: findings_of(replace(r, output=output), rig) for kind, output in faults.items()}
+    assert {kind: items[0].kind if items else "" for kind, items in found.items()} == {kind: kind for kind in faults}
+
+
+@pytest.mark.parametrize(("part", "words"), [(slice(1500, None), "from about"), (slice(0, 1500), "until about")])
+def test_noise_that_begins_or_ends_within_a_record_is_named(part, words):
+    """In either half: the squares of a stretch and of its rest are the same."""
+    expected, noisy = driven_lag(STEPS), np.zeros(len(STEPS))
+    noisy[part] = np.random.default_rng(5).normal(size=len(STEPS))[part]
+    signal = CheckedSignal(name="y", unit="m", values=expected + 0.05 * noisy, period=0.1, is_input=False)
+    (found,) = changes_of(signal, expected, [STEPS], 5, 0.8)
+    assert found.kind == "change of noise"
+    assert words in found.words
