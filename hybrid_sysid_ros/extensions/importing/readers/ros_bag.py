@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from hybrid_sysid_ros.support.arrays import Array
 
 WIDEST = 64
 """Most entries of a list that become columns."""
+HEADER = "std_msgs/msg/Header"
 STAMP = "stamp"
 """Column of a topic with its times: the headers' stamps, or the times of logging."""
 
@@ -102,10 +104,17 @@ class Ros1BagFile(RosBagFile):
                         yield _converted(reader, connection, logged, raws, first)
 
 
-def _ros1(path: Path) -> Any:
+@contextmanager
+def _ros1(path: Path) -> Iterator[Any]:
+    """An open bag, by whose types headers have no number, as those of ROS 2: the conversion leaves it out."""
     from rosbags.highlevel import AnyReader
 
-    return AnyReader([path])
+    with AnyReader([path]) as reader:
+        types = reader.typestore.fielddefs
+        if HEADER in types:
+            constants, fields = types[HEADER]
+            types[HEADER] = constants, [item for item in fields if item[0] != "seq"]
+        yield reader
 
 
 def _converted(reader: Any, connection: Any, logged: list[int], raws: list[bytes], first: int) -> Messages:

@@ -94,10 +94,33 @@ def ros1(path: Path) -> None:
                 writer.write(topics[name], stamp, store.serialize_ros1(number(data=value), number.__msgtype__))
 
 
+def ros1_stamped(path: Path) -> None:
+    """Headers of ROS 1 have a number that those of ROS 2 lack."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    joints, header, stamp = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    with Writer(path) as writer:
+        topic = writer.add_connection("/states", joints.__msgtype__, typestore=store)
+        for k, (time, drive, position) in enumerate(zip(TIME, DRIVE, POSITION, strict=True)):
+            at = 10**18 + round(1e9 * time)
+            head = header(seq=k, stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id="lab")
+            message = joints(
+                header=head, name=["beam"], position=np.array([position]), velocity=np.array([0.0]),
+                effort=np.array([drive]),
+            )  # fmt: skip
+            writer.write(topic, at, store.serialize_ros1(message, joints.__msgtype__))
+
+
 ROS = ("--column", "drive=/lab/drive.effort[motor]", "--column", "position=/lab/states.position[beam]")
 FILES = {
     "a.npz": (npz, ()), "a.mat": (mat, ()), "b.mat": (mat_73, ("--column", "time=tout")), "a.parquet": (parquet, ()),
     "a.mf4": (mf4, ()), "a.tdms": (tdms, ()), "a_bag": (mcap, ROS),
+    "b.bag": (ros1_stamped, ("--column", "drive=/states.effort[beam]", "--column", "position=/states.position[beam]")),
     "a.bag": (ros1, ("--column", "drive=/drive.data", "--column", "position=/position.data")),
 }  # fmt: skip
 
