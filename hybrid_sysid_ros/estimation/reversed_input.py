@@ -18,8 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.estimation.sensor_monitoring import (
+    BLAMELESS,
     MonitoredSensor,
     MonitorRecord,
+    has_relapsed,
     is_any_left_out,
     is_contradicted,
     judge_sensors,
@@ -88,13 +90,13 @@ def may_compete(
     """
     doubted, any_shown = is_contradicted(sensors) or is_any_left_out(sensors), False
     trial.quiet = 0.0 if doubted else trial.quiet + elapsed
-    if trial.quiet > QUIET:
+    if trial.quiet > QUIET or has_relapsed(sensors):
         trial.product = math.nan
     for k in range(len(sensors)):
         any_shown = any_shown or math.isfinite(shown[k])
     if not math.isnan(trial.product):
         return True
-    if not doubted or not any_shown:
+    if not doubted or not any_shown or has_relapsed(sensors):
         return False
     if trial.reversed != NONE:
         trial.tried = trial.reversed
@@ -150,4 +152,4 @@ def believe_other(trial: ReversalTrial, sensors: Sequence[MonitoredSensor]) -> N
     readmit(sensors)
     renew(sensors)
     for k in range(len(sensors)):
-        sensors[k].seconds = 0.0
+        sensors[k].seconds, sensors[k].back = 0.0, BLAMELESS

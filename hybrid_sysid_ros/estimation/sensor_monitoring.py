@@ -85,6 +85,10 @@ class MonitoredSensor:
     """Since its last reading [s]."""
     blamed: float = BLAMELESS
     """Since it was under suspicion last [s]."""
+    back: float = BLAMELESS
+    """Since it was let back, for it agreed with the others [s]."""
+    relapses: int = 0
+    """How often it was left out again soon after that."""
     seconds: float = 0.0
     """Suspicion [s]."""
     mean: float = 1.0
@@ -127,6 +131,7 @@ def judge_sensors(
     for k in range(count):
         sensors[k].silent = sensors[k].silent + elapsed if math.isnan(readings[k]) else 0.0
         sensors[k].blamed += elapsed
+        sensors[k].back += elapsed
         is_inside = not (readings[k] < sensors[k].low or readings[k] > sensors[k].high)
         sensors[k].beyond = 0.0 if is_inside else sensors[k].beyond + elapsed
         if sensors[k].left_out:
@@ -182,13 +187,14 @@ def _leave_out(sensors: Sequence[MonitoredSensor], k: int) -> None:
     sensors[k].mean = CLEAREST * sensors[k].largest
     sensors[k].reading = sensors[k].off = math.nan
     sensors[k].count += 1
+    sensors[k].relapses = sensors[k].relapses + 1 if sensors[k].back < BLAMELESS else 0
 
 
 def _give_up(sensors: Sequence[MonitoredSensor]) -> None:
     """Use all sensors again: the model or an actuator is to blame, and none is left out for a while."""
     readmit(sensors)
     for k in range(len(sensors)):
-        sensors[k].blamed = 0.0
+        sensors[k].blamed, sensors[k].back = 0.0, BLAMELESS
 
 
 def _evidence(
@@ -237,7 +243,7 @@ def readmit(sensors: Sequence[MonitoredSensor]) -> None:
 
 
 def _admit(sensors: Sequence[MonitoredSensor], k: int) -> None:
-    sensors[k].left_out, sensors[k].seconds = False, 0.0
+    sensors[k].left_out, sensors[k].seconds, sensors[k].back = False, 0.0, 0.0
     sensors[k].mean = sensors[k].lasting = 1.0
     sensors[k].large = 0.0
 
@@ -247,6 +253,14 @@ def is_any_left_out(sensors: Sequence[MonitoredSensor]) -> bool:
     found = False
     for k in range(len(sensors)):
         found = found or sensors[k].left_out
+    return found
+
+
+def has_relapsed(sensors: Sequence[MonitoredSensor]) -> bool:
+    """Whether a sensor is left out again that agreed with the others for a while: it is wrong, and no input is."""
+    found = False
+    for k in range(len(sensors)):
+        found = found or (sensors[k].left_out and sensors[k].relapses > 0)
     return found
 
 
@@ -270,9 +284,12 @@ def _shows_a_fall(sensors: Sequence[MonitoredSensor]) -> bool:
 
 
 def _may_leave(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], worst: int) -> bool:
+    """One that relapses is known: the others need not have been beyond doubt meanwhile."""
+    relapses = sensors[worst].back < BLAMELESS
     for j in range(len(sensors)):
         missing = j != worst and sensors[j].silent > monitor.timeout
-        if sensors[j].left_out or missing or (j != worst and sensors[j].blamed < BLAMELESS):
+        blamed = j != worst and sensors[j].blamed < BLAMELESS and not relapses
+        if sensors[j].left_out or missing or blamed:
             return False
     return True
 
