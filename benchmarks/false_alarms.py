@@ -33,7 +33,7 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 NAME = "false_alarms"
-RIGS = ("cam_beam", "flexible_joint", "wheel_motor", "drill_string", "winged_cone")
+RIGS = ("cam_beam", "flexible_joint", "wheel_motor", "drill_string", "winged_cone", "balancing_robot")
 SECONDS = 3600.0
 """Of a rig's loop."""
 

@@ -120,6 +120,18 @@ def test_a_sensor_comes_back_where_another_one_contradicts_the_model_as_well():
     assert found.doubt > 1.0
 
 
+def test_a_sensor_that_relapses_is_left_out_again_though_another_one_was_in_doubt_meanwhile():
+    """A sensor with the wrong sign agrees wherever it should show zero."""
+    found = monitor()
+    judge(found, [100.0, 1.0], steps=20)
+    judge(found, [math.nan, 20.0], readings=[50.0, 0.0], expected=np.zeros(2), steps=15)
+    judge(found, [math.nan, 1.0], readings=[0.0, 0.0], expected=np.zeros(2), steps=round(1.5 / STEP))
+    assert found.left_out == [False, False]
+    judge(found, [100.0, 1.0], steps=20)
+    assert found.left_out == [True, False]
+    assert found.counts == [2, 0]
+
+
 @pytest.mark.parametrize("squares", [[100.0, 100.0], [100.0, 0.0]])
 def test_none_is_left_out_where_both_are_in_doubt(squares):
     found = monitor()

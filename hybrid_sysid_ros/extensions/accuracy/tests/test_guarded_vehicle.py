@@ -61,6 +61,12 @@ def test_a_pitch_rate_of_the_wrong_sign_is_left_out_before_the_vehicle_is_lost(v
     assert abs(plant.state[ANGLE]) < 0.01
 
 
+def test_a_pitch_rate_whose_sign_stays_wrong_does_not_lose_the_vehicle(vehicle):
+    """It agrees wherever nothing turns, and is let back there."""
+    _, plant, _ = driven_loop(vehicle, 12.0, sign=-1.0)
+    assert abs(plant.state[ANGLE]) < 0.03
+
+
 def test_a_speed_that_has_jumped_stays_left_out(vehicle):
     """An estimate that begins at the wrong speed has nothing against it for seconds: the vehicle gains slowly."""
     _, plant, _ = driven_loop(vehicle, BEGIN + 3.0, jump=60.0)
