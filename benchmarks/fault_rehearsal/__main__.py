@@ -4,7 +4,8 @@ Estimator, guard and controller as the nodes use them, on the simulated rig, whi
 repeats bit by bit, so that rules and thresholds can be tried; python -m benchmarks.faults asks real processes. Of each
 fault, beside those of that benchmark some more: the first state that is not driving, and after how long; the strongest
 evidence; whether travel and validity were kept until the loop was held or at rest; the largest tracking error during
-the fault, and that of the second which begins a second after its end, both in tolerances.
+the fault, and that of the second which begins a second after its end, both in tolerances. --start SECONDS: faults of
+sensors alone, from the first sample on for so long.
 """
 
 from __future__ import annotations
@@ -25,15 +26,26 @@ from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 
 NAME = "fault_rehearsal"
+SILENT = ("no number", "comes and goes", "comes and goes at 1 Hz", "show nothing")
+"""Kinds that show nothing at the start, without which no loop begins."""
 
 
 def main() -> int:
     """Try all, or those that are named."""
     asked, tables = sys.argv[1:], dict[str, dict[str, dict[str, Any]]]()
-    known: dict[str, Mapping[str, Fault]] = {}
+    seconds = 0.0
+    if "--start" in asked:
+        at = asked.index("--start")
+        try:
+            seconds = float(asked[at + 1])
+        except (IndexError, ValueError):
+            raise UserError("--start: for how long? Such as --start 8") from None
+        del asked[at : at + 2]
+    known: dict[str, dict[str, Fault]] = {}
     for name in MOVING:
         rig = load(name)
-        known[name] = {**sensor_faults(rig, sizes_of(rig, dict(MOVING[name]))), **actuator_faults(rig)}
+        known[name] = sensor_faults(rig, sizes_of(rig, dict(MOVING[name])))
+        known[name] |= {} if seconds else actuator_faults(rig)
     names = {fault for faults in known.values() for fault in faults}
     for word in asked:
         if word not in names and word not in known:
@@ -45,8 +57,15 @@ def main() -> int:
         rehearsal, tables[name] = Rehearsal(load(name)), {}
         for fault, each in wanted.items():
             status.print(f"{name}: {fault}")
-            tables[name][fault] = rehearsal.tried(each)
-        print_table(_table(name, tables[name]))
+            if not seconds:
+                tables[name][fault] = rehearsal.tried(each)
+            elif not fault.endswith(SILENT):
+                row = rehearsal.wrong_from_the_start(each, seconds)
+                print(f"{name}: {fault}: after {row['after']:.2f} s, kept {row['kept']}, error {row['error']:.2f}")
+        if not seconds:
+            print_table(_table(name, tables[name]))
+    if seconds:
+        return 0
     every = [row for rows in tables.values() for row in rows.values()]
     short = sum(row["short"] for row in every)
     print(f"{short} of {len(every)} fall short")

@@ -76,12 +76,28 @@ class Rehearsal:
         found["short"] = not found["kept"] or found["unnamed"] or not found["error"] <= 1.0
         return found
 
+    def wrong_from_the_start(self, fault: Fault, seconds: float, *, seed: int = 0) -> dict[str, Any]:
+        """What the loop did with a fault from its first sample on: when there was evidence, and whether travel and
+        validity were kept; the error's rms over the last half, in tolerances.
+        """
+        found: dict[str, Any] = {"after": math.inf, "kept": True}
+        errors = list[Array]()
+        for since, plant, error in self._course(fault, 0.0, seconds, seed=seed, lasting=seconds):
+            errors.append(error)
+            if self.loop.level is not LoopState.DRIVING or self.estimator.doubt >= 1.0:
+                found["after"] = min(found["after"], since)
+            found["kept"] = found["kept"] and not self._is_out(plant)
+        last = np.array(errors[len(errors) // 2 :]) / self.tolerance
+        return {**found, "error": float(np.max(np.sqrt(np.mean(last**2, axis=0))))}
+
     def _rms(self, errors: list[Array], begin: float) -> Array:
         """Of the errors, over WINDOW from then on [s]: (p,)."""
         window = errors[round(begin / self.period) :][: round(WINDOW / self.period)]
         return np.sqrt(np.mean(np.square(window), axis=0))
 
-    def _course(self, fault: Fault, begin: float, seconds: float, *, seed: int) -> Iterator[tuple[float, Plant, Array]]:
+    def _course(
+        self, fault: Fault, begin: float, seconds: float, *, seed: int, lasting: float = LASTING
+    ) -> Iterator[tuple[float, Plant, Array]]:
         """Time since the fault began [s], the plant, and the tracking error (p,) before it, sample by sample."""
         rig, loop, period = self.rig, self.loop, self.period
         plant, random = Plant(rig, seed=seed, bias=rig.bias), np.random.default_rng(seed)
@@ -92,7 +108,7 @@ class Rehearsal:
         acts = fault.acts() if fault.acts else None
         tells = fault.tells() if fault.tells else None
         told = loop.input.copy()
-        first, count = round(begin / period), round(LASTING / period)
+        first, count = round(begin / period), round(lasting / period)
         for k in range(round(seconds / period)):
             time, number = k * period, k - first
             wrong, moment = 0 <= number < count, Moment(number * period, number, random)
