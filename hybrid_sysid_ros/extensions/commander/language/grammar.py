@@ -144,9 +144,9 @@ def _carried(commands: Sequence[Command], before: Sequence[Clause]) -> list[Symb
     """The verbs of a part that count for the next one, too, as in "hold 1 m, then 2 m". After "up 1 m" the next value
     could be a change or a place, so there is none.
     """
-    last = commands[-1] if commands else None
-    absolute = isinstance(last, Move) and not any(goal.relative or goal.share for goal in last.goals)
-    if commands and not absolute:
+    done = [command for command in commands if not isinstance(command, Wait)]
+    last = done[-1] if done else None
+    if last and not (isinstance(last, Move) and not any(goal.relative or goal.share for goal in last.goals)):
         return []
     carried = [symbol for symbol in before[-1].verbs if symbol.value in CARRIED] if before else []
     return carried or [Symbol("V", "go", "go")]

@@ -19,11 +19,10 @@ VERBS = (
     "repeat", "undo", "home", "halt",
 )  # fmt: skip
 ROLES = {
-    "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "within": "L",
-    "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J", "here": "H",
-    "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X", "highest": "x",
-    "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d",
-    "as_fast": "g",
+    "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "over": "I",
+    "within": "L", "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J",
+    "here": "H", "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X",
+    "highest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d", "as_fast": "g",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {

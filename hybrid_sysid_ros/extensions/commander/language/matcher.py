@@ -116,7 +116,8 @@ class _Matcher:
         if found.slot == "for_or_by":  # "por 2 s", "aumente por 2 m"
             return found._replace(slot="for" if unit is None or unit.base in (TIME, COUNT) else "by")
         if is_time(unit):
-            return found._replace(slot="later" if self.begins() else "in")
+            later = found.part[0].value != "over" and self.begins()  # "over 5 s" says how long, wherever it stands
+            return found._replace(slot="later" if later else "in")
         if found.slot == "in_or_to":  # "aumente em 2 m"
             return found._replace(slot="by" if self.made.directions else "plain" if self.made.displacing else "to")
         return found

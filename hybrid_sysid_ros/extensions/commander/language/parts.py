@@ -25,7 +25,11 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             raise UserError(
                 "repeat what follows, or what was carried out before? say 'repeat' alone, or the parts twice"
             )
-        if _waits(made[-1], symbol, following):
+        ended = _is_wait(made[-1]) and following in tuple("UQTKO")
+        ended = ended or (following == "V" and _is_level(next(iter(made[-1]), None)))  # "60 rpm, wait 5 s, 50 rpm"
+        if symbol.kind == "," and ended:
+            made.append([])
+        elif _waits(made[-1], symbol, following):
             made.append([symbol])
         elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :], listed)):
             made.append([symbol] if symbol.value == "then" else [])
@@ -47,9 +51,15 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
     return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
 
 
+def _is_wait(part: Sequence[Symbol]) -> bool:
+    """Whether a part says to wait, and how long."""
+    said = [symbol.value for symbol in part if symbol.kind == "V"]
+    return said == ["wait"] and any(symbol.kind == "Q" for symbol in part)
+
+
 def _is_level(symbol: Symbol | None) -> bool:
     """Whether a quantity is neither a time nor a frequency, a count or a share."""
-    unit = symbol.value[1] if symbol else None
+    unit = symbol.value[1] if symbol and symbol.kind == "Q" else None
     return unit is not None and unit.base not in (TIME, FREQUENCY, COUNT, PERCENT)
 
 
