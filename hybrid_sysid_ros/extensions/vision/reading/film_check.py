@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.film import FilmFormat, format_of, pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
-from hybrid_sysid_ros.extensions.vision.reading.footage import picked
+from hybrid_sysid_ros.extensions.vision.reading.footage import DARK_FILM, picked
 from hybrid_sysid_ros.extensions.vision.reading.learning import NARROWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.reading.turning_point import turning_point
@@ -22,7 +22,7 @@ from hybrid_sysid_ros.support.errors import UserError
 LOOKED_AT = 60  # pictures
 SLOW = 20.0  # pictures a second
 SQUEEZED = 0.02  # bits a pixel of each picture: a codec leaves little of edges that move
-DARK, BRIGHT = 25.0, 250.0  # counts of 255
+BRIGHT = 250.0  # counts of 255
 BURNT = 0.05  # share of the pixels that are brighter than that
 CHANGES = 0.3  # of the light, from picture to picture
 FAINT, CLEAR = 5.0, 12.0  # times its noise by which the joint differs from what is behind it, at most pixels
@@ -133,13 +133,13 @@ def _light(film: Film, median: Picture) -> Iterator[Finding]:
     lights = film[:, ::8, ::8].reshape(len(film), -1).mean(axis=1)
     change = float(np.ptp(lights)) / max(mean, 1.0)
     advice = ""
-    if mean < DARK:
+    if mean < DARK_FILM:
         advice = "it is dark: more light, or a longer exposure as far as the motion allows it"
     elif burnt > BURNT:
         advice = f"{burnt:.0%} of the pixels are white: less light, or a shorter exposure"
     elif change > CHANGES:
         advice = f"the light changes by {change:.0%}: lock the exposure of the camera"
-    yield Finding(what="light", found=f"{mean:.0f} of 255 counts", advice=advice, bad=mean < DARK / 4)
+    yield Finding(what="light", found=f"{mean:.0f} of 255 counts", advice=advice, bad=mean < DARK_FILM / 4)
 
 
 def _tripod(view: FilmView, refusal: str) -> Iterator[Finding]:

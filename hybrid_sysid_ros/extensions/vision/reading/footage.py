@@ -29,6 +29,8 @@ LOOKS, APART = 16, 10
 """Pictures, and how far apart, by which a moved camera is known; who comes by is in less than half of them."""
 FROZEN, JUMP = 3, 1.0
 """Pictures in a row that are the same to the last bit, and pixels of the sprite's end: a camera that hangs."""
+DARK_FILM = 25.0  # counts of 255
+MOST_EVEN = 0.05  # of a film's pictures that show nothing, here and there
 PLAIN = 12  # counts, by which the pixels of a picture differ at least that shows something: a film's black is not 0
 LEAP, RARE, LEAPS = 0.2, 3.0, 3
 """Share of all angles' range, and multiple of the turning points nine of ten of which are smaller, by which up to so
@@ -125,12 +127,14 @@ def followed(
     in a way that can't be taken out.
     """
     rows, times, lamps, free = list[AngleReading](), list[float](), list[float](), list[FreeReading]()
-    same, shown, sceneries = list[bool](), list[tuple[float, Picture, AngleReading]](), list[Array]()
+    even, same, sceneries = list[bool](), list[bool](), list[Array]()
+    shown = list[tuple[float, Picture, AngleReading]]()
     before, every = None, 1
     for time, picture in view.pictures():
         reading, plain = reader.read(picture), int(np.ptp(picture[::8, ::8])) < PLAIN
         if plain:
             reading = replace(reading, angle=np.nan, deviation=np.inf)
+        even.append(plain)
         same.append(reader.lit and not plain and before is not None and np.array_equal(picture, before))
         before = picture
         times.append(time)
@@ -148,8 +152,10 @@ def followed(
     if len(rows) < 2:
         raise UserError(f"{view.path}: has one picture only")
     lost = float(np.isnan(angles).mean())
-    if np.median([item[1].mean() for item in shown]) < LIT * layers.background.mean():
+    light = float(np.median([item[1].mean() for item in shown]))
+    if light < LIT * layers.background.mean():
         raise UserError(f"{view.path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
+    _refuse_dark(view, np.flatnonzero(even), len(even), light)
     steady = steady_angles(np.array(times), rows, free, view.motion, layers)
     for first in range(0, max(len(sceneries) - LOOKS // 2, 1), LOOKS // 2):
         stands = reader.standing(sceneries[first : first + LOOKS])
@@ -182,6 +188,15 @@ def followed(
         stated_rate=format_of(view.path).rate,
         view=view,
     )
+
+
+def _refuse_dark(view: FilmView, even: NDArray[np.intp], count: int, light: float) -> None:
+    """Raise UserError where pictures that show nothing, some of ``count``, are all over a dark film: no cut helps."""
+    if light < DARK_FILM and len(even) > MOST_EVEN * count and np.ptp(even) > 0.5 * count:
+        raise UserError(
+            f"{view.path}: it is too dark, {light:.0f} of 255 counts: in {len(even) / count:.0%} of its pictures "
+            f"nothing differs by {PLAIN} counts; film with more light, or a longer exposure"
+        )
 
 
 def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDArray[np.bool_]:

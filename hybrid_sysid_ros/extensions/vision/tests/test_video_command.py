@@ -129,6 +129,11 @@ def test_a_black_film_is_reported(video: Video, beam: Filmed) -> None:
     refused(video(_each(beam.fewer, lambda picture: picture // 64)), "are black")
 
 
+def test_a_dark_film_is_named_so_where_no_cut_helps_it(video: Video, beam: Filmed) -> None:
+    frames = [(time, picture // (9 if k % 10 else 30)) for k, (time, picture) in enumerate(beam.fewer)]
+    refused(video(frames), "too dark", "more light")
+
+
 def test_black_pictures_are_reported_as_such(video: Video, beam: Filmed) -> None:
     frames = [
         (time, picture if k < 50 or k >= 55 else 0 * picture + 16) for k, (time, picture) in enumerate(beam.fewer)
