@@ -22,7 +22,7 @@ from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.commands.app import arguments_of
 from hybrid_sysid_ros.nodes.parameters import OF_QUALITY, OF_ROS
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import preflight, processes
+from hybrid_sysid_ros.runtime import node_commands, preflight, processes
 from hybrid_sysid_ros.runtime.companion import LOOP, Companion, RequestedLoop, join
 from hybrid_sysid_ros.runtime.parameters import declarations, defaults, of_file
 from hybrid_sysid_ros.support import errors, extensions
@@ -295,7 +295,7 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             with NamedTemporaryFile(
                 "w", prefix="hybrid_sysid_", suffix=".yaml", delete=False
             ) as file:  # as launch has its own
-                file.write(processes.parameter_text(stayed(loop) if resting else loop))
+                file.write(node_commands.parameter_text(stayed(loop) if resting else loop))
             return node("composed", {}, ("--nodes", *loop), file.name)
 
         found += watch.started(composed, moves=True)

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.nodes import executors
 from hybrid_sysid_ros.nodes.executors import Executor
-from hybrid_sysid_ros.runtime import processes
+from hybrid_sysid_ros.runtime import node_commands, processes
 from hybrid_sysid_ros.support.versions import FALL_BACK, RCLPY_EXECUTOR, WARNED
 from tests.manager import ACTIVATE, DEACTIVATE, change, set_parameter, state
 from tests.node_bench import Bench, ask
@@ -173,7 +173,7 @@ def test_a_loop_in_one_process_is_served_managed_and_ended(
         "controller": given,
         "reference": {"kind": "constant"},
     }
-    command = processes.composed(nodes, tmp_path / "parameters.yaml", rig="cam_beam", namespace="cam_beam")
+    command = node_commands.composed(nodes, tmp_path / "parameters.yaml", rig="cam_beam", namespace="cam_beam")
     environment = {**processes.environment(domain), FALL_BACK: without, WARNED: ""}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
     bench = Bench(domain)

@@ -13,7 +13,7 @@ import yaml
 
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.runtime import parameters
-from hybrid_sysid_ros.runtime.session import has_ros
+from hybrid_sysid_ros.runtime.processes import has_ros
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from tests.apart import COMMANDS, END, ROOT, Apart, apart_in

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from hybrid_sysid_ros.runtime.session import has_ros
+from hybrid_sysid_ros.runtime.processes import has_ros
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.extensions import HOME
 from hybrid_sysid_ros.support.manifest import Extension

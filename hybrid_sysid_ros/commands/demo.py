@@ -23,7 +23,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime import configuration, session
+from hybrid_sysid_ros.runtime import configuration, processes
 from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
 from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe, RecordSplit
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -87,7 +87,7 @@ def demo(
     described = load_rig(rig or default())
     plan = DemoRecipe.of(described)
     report.check_available()
-    session.check_ros()
+    processes.check_ros()
     make_folder(out)
     for file in ("report.html", "summary.json"):
         check_file(out / file, replace=overwrite)

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, preflight, processes
 from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, NodeValues, RequestedLoop, SharedProcess, join
-from hybrid_sysid_ros.runtime.processes import COMPOSED
+from hybrid_sysid_ros.runtime.node_commands import COMPOSED
 from hybrid_sysid_ros.runtime.references import length_of
 from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session
 from hybrid_sysid_ros.support import interruption

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import signal
 import subprocess
@@ -17,8 +16,9 @@ from queue import Empty, Queue
 from typing import Any
 
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import processes
-from hybrid_sysid_ros.runtime.processes import COMPOSED
+from hybrid_sysid_ros.runtime import node_commands, processes
+from hybrid_sysid_ros.runtime.node_commands import COMPOSED
+from hybrid_sysid_ros.runtime.processes import check_ros
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import Report
@@ -61,17 +61,6 @@ class Child:
         return bool(word and word in self.words) or self.process.poll() is not None
 
 
-def has_ros() -> bool:
-    """Whether ROS is available for this Python."""
-    return importlib.util.find_spec("rclpy") is not None
-
-
-def check_ros() -> None:
-    """Raise UserError without ROS for this Python; called before long work that ends in nodes."""
-    if not has_ros():
-        raise UserError("no rclpy for this Python: install hybrid_sysid_ros[ros], or source a ROS 2 Jazzy")
-
-
 class Session:
     """Processes of nodes, as a context that leaves none behind. `tell` receives their log lines."""
 
@@ -104,16 +93,16 @@ class Session:
         self._place.cleanup()
 
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
-        """Command that starts a node in the rig's namespace; see :func:`.processes.command`."""
-        return processes.command(node, values, rig=self.rig, namespace=self._namespace)
+        """Command that starts a node in the rig's namespace; see :func:`.node_commands.command`."""
+        return node_commands.command(node, values, rig=self.rig, namespace=self._namespace)
 
     def composed(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Command that starts nodes in one process; see :func:`.processes.composed`."""
-        return processes.composed(values, self._file, rig=self.rig, namespace=self._namespace)
+        """Command that starts nodes in one process; see :func:`.node_commands.composed`."""
+        return node_commands.composed(values, self._file, rig=self.rig, namespace=self._namespace)
 
     def arguments(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Arguments of a program that runs several nodes in the rig's namespace; see :func:`.processes.arguments`."""
-        return processes.arguments(values, self._file, rig=self.rig, namespace=self._namespace)
+        """Arguments of a program that runs several nodes in the namespace; see :func:`.node_commands.arguments`."""
+        return node_commands.arguments(values, self._file, rig=self.rig, namespace=self._namespace)
 
     @property
     def _file(self) -> Path:

@@ -8,9 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hybrid_sysid_ros.rigs.folder import names
-from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.runtime import processes, session
+from hybrid_sysid_ros.runtime import processes
 
 CLIENT = "hybrid_sysid_ros.extensions.graph.nodes.graph_client"
 SLOW = 120.0
@@ -18,13 +16,23 @@ SLOW = 120.0
 
 
 def _namespace(rig: str) -> str:
-    return f"/{load(rig).namespace}" if rig else ""
+    if not rig:
+        return ""  # at once: a loop that must stop waits for no rig's equations
+    from hybrid_sysid_ros.rigs.rig import load
+
+    return f"/{load(rig).namespace}"
+
+
+def _names() -> list[str]:
+    from hybrid_sysid_ros.rigs.folder import names
+
+    return [*names()]
 
 
 LoopRig = Annotated[
     str,
     typer.Option(
-        "--rig", help="Rig whose nodes are meant; needed where several run.", callback=_namespace, autocompletion=names
+        "--rig", help="Rig whose nodes are meant; needed where several run.", callback=_namespace, autocompletion=_names
     ),
 ]
 """Becomes the namespace of its nodes."""
@@ -38,7 +46,7 @@ def ask(question: str, *, domain: int | None, **given: Any) -> Any:
 
     Raises UserError without ROS, and typer.Exit where the client has said what is wrong.
     """
-    session.check_ros()
+    processes.check_ros()
     words = processes.module(CLIENT, json.dumps({"question": question, **given}))
     client = subprocess.run(words, env=processes.environment(domain), stdout=subprocess.PIPE, text=True, check=False)
     if client.returncode:

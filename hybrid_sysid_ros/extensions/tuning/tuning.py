@@ -17,7 +17,7 @@ from hybrid_sysid_ros.extensions.shared.workers import count as count_of
 from hybrid_sysid_ros.extensions.tuning.front import Trials, TuningTrial, best_of, front_of
 from hybrid_sysid_ros.extensions.tuning.loops import Loops, Measures
 from hybrid_sysid_ros.models import Options
-from hybrid_sysid_ros.runtime.processes import parameter_text
+from hybrid_sysid_ros.runtime.node_commands import parameter_text
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import written_folder
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
-from hybrid_sysid_ros.runtime import processes
+from hybrid_sysid_ros.runtime import node_commands
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.interruption import TETHER
 
@@ -52,7 +52,7 @@ class BagRecording:
         self._forget()
         self._bag = self._folder / f"{self._name}_{time.strftime('%Y%m%d_%H%M%S')}"
         values = {"path": str(self._bag), "priority": self._priority}
-        command = processes.command("recorder", values, rig=self._rig, namespace=self._namespace)
+        command = node_commands.command("recorder", values, rig=self._rig, namespace=self._namespace)
         self._said = said = tempfile.TemporaryFile()  # noqa: SIM115
         self._process = process = subprocess.Popen(
             [*command, "-r", f"__node:={NODE}"],

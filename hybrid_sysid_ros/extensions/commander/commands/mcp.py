@@ -11,7 +11,7 @@ import typer
 from hybrid_sysid_ros.commands.terminal import RigName
 from hybrid_sysid_ros.extensions.commander.commands.say import CLIENT
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import processes, session
+from hybrid_sysid_ros.runtime import processes
 
 
 def command(
@@ -32,7 +32,7 @@ def command(
 
         server(described, Rehearsal.of(described, folder=os.getcwd())).run()
         return
-    session.check_ros()
+    processes.check_ros()
     words = processes.module(CLIENT, described.source, "--serve")
     sys.stdout.flush()
     os.execve(words[0], words, processes.environment(domain))  # from here on this process is the client's

@@ -11,7 +11,7 @@ import typer
 
 from hybrid_sysid_ros.commands.terminal import DriverChoice, RigName, console, end
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import processes, session
+from hybrid_sysid_ros.runtime import processes
 
 CLIENT = "hybrid_sysid_ros.extensions.commander.nodes.command_client"
 
@@ -38,7 +38,7 @@ def command(
     A stop goes to the controller where there is no commander.
     """
     described = rigs.load(rig or rigs.default())
-    if dry or not session.has_ros():
+    if dry or not processes.has_ros():
         from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
 
         desk = Rehearsal.of(described, model=model or "", policy=policy or "", folder=os.getcwd(), layers=layers or "")

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError, known
@@ -46,7 +46,7 @@ def instead(
     def run() -> dict[str, Any]:
         if lacking := missing_tools():
             raise UserError(f"--body {body}: {next(iter(lacking))} is not installed: {next(iter(lacking.values()))}")
-        session.check_ros()
+        processes.check_ros()
         make_folder(place)
         check_folder(place / "board", marker=MANIFEST, replace=overwrite)
         check_folder(place / "loop", marker=bags.METADATA, replace=overwrite)

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.extensions.shared.demo_body import DemoBody, demo_folder
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.support.files import check_folder, make_folder
 
 BODY = "native"
@@ -35,7 +35,7 @@ def instead(
     place = demo_folder(out, body, chosen)
 
     def run() -> dict[str, Any]:
-        session.check_ros()
+        processes.check_ros()
         make_folder(place)
         check_folder(place / "loop", marker=bags.METADATA, replace=overwrite)
         status.print(f"the loop of {chosen.name} in C, its plant, reference and recorder in Python")

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import Recover
-from hybrid_sysid_ros.runtime import processes, session
+from hybrid_sysid_ros.runtime import node_commands, processes
 
 
 def command(
@@ -31,8 +31,8 @@ def command(
 
     In a terminal the space key pauses and goes on, the right arrow publishes one message more, Ctrl-C ends.
     """
-    session.check_ros()
+    processes.check_ros()
     values = {"bag": str(bag), "rate": rate, "start": start, "loop": loop, "clock": clock, "topics": topics}
-    words = processes.command("player", {**values, "pause": pause, "recover": recover})
+    words = node_commands.command("player", {**values, "pause": pause, "recover": recover})
     sys.stdout.flush()
     os.execve(words[0], words, processes.environment())  # from here on this process is the player's

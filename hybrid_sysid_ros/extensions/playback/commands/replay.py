@@ -16,7 +16,7 @@ from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, ReplayComparison, compare
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
 from hybrid_sysid_ros.models.model import versions
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256, write_text
 
 BAG, NUMBERS, PAGE = "replayed", "replay.json", "report.html"
@@ -40,7 +40,7 @@ def command(
     as_json: terminal.Json = False,
 ) -> None:
     """Send what a bag recorded of a loop through estimator and controller again, and compare the answers."""
-    session.check_ros()
+    processes.check_ros()
     changes = replaying.Changes(
         rig=rig, model=str(model or ""), policy=policy or "", policy_path=str(policy_path or "")
     )

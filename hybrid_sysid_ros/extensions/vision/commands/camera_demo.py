@@ -34,7 +34,7 @@ from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime import configuration, session
+from hybrid_sysid_ros.runtime import configuration, processes
 from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
@@ -92,7 +92,7 @@ def camera_demo(
     scene, plan = scene_of(described), DemoRecipe.of(described)
     camera_loop.frame_noise(described, CAMERA.width)
     report.check_available()
-    session.check_ros()
+    processes.check_ros()
     make_folder(out)
     film, recorded, seen, layers_folder = out / "film.mp4", out / "recorded", out / "seen", out / KIND
     for file in (film, out / "report.html", out / "summary.json"):
