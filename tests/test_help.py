@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 from hybrid_sysid_ros.commands.app import LateCommand, program
-from hybrid_sysid_ros.commands.terminal import DriverChoice
+from hybrid_sysid_ros.commands.options import DriverChoice
 from hybrid_sysid_ros.runtime.parameters import parameters
 from hybrid_sysid_ros.support import extensions
 

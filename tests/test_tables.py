@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import console, print_table, score_table
+from hybrid_sysid_ros.commands.score_table import score_table
+from hybrid_sysid_ros.commands.terminal import console, print_table
 
 NAMES = ["2026-11-21_random_steps_with_a_long_name_and_a_number_0000017", "run[red]", "a:smile:b", "[/bold]"]
 SCORES = {"r2": 0.98765, "rmse": 0.01, "fit_percent": 88.9}

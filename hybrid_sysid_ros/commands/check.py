@@ -16,7 +16,8 @@ import numpy as np
 
 from hybrid_sysid_ros import identification, models
 from hybrid_sysid_ros.bags import read
-from hybrid_sysid_ros.commands.terminal import Json, RigName, console, end, status
+from hybrid_sysid_ros.commands.options import Json, RigName
+from hybrid_sysid_ros.commands.terminal import console, end, status
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.rigs import check as rig_check

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options, terminal
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
@@ -44,12 +44,12 @@ EXTENDED_BY = "demos"
 
 
 def command(
-    rig: terminal.RigName = "",
+    rig: options.RigName = "",
     out: Out = None,
     train: Train = False,
-    seed: terminal.Seed = 0,
-    overwrite: terminal.Overwrite = False,
-    as_json: terminal.Json = False,
+    seed: options.Seed = 0,
+    overwrite: options.Overwrite = False,
+    as_json: options.Json = False,
     demos: Sequence[Callable[[], dict[str, Any]]] = (),
 ) -> None:
     """From bags to a controlled rig: identify, run the loop, report."""

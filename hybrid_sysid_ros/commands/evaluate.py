@@ -11,9 +11,10 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report as reports
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import fit_options, options
 from hybrid_sysid_ros.commands.inspections import Inspect, print_inspections
 from hybrid_sysid_ros.commands.records import read_records
+from hybrid_sysid_ros.commands.score_table import score_table
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.evaluation import ModelEvaluation, evaluation
@@ -27,18 +28,18 @@ EXTENDED_BY = "inspections"
 
 
 def command(
-    model: terminal.ModelFolder,
+    model: options.ModelFolder,
     bag: Annotated[list[Path], typer.Argument(help="Bags to score the model on.")],
-    as_json: terminal.Json = False,
-    part: terminal.PartText = "0:1",
+    as_json: options.Json = False,
+    part: options.PartText = "0:1",
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
-    initial: terminal.Initial = None,
-    initial_samples: terminal.InitialSamples = None,
-    warm_up: terminal.WarmUp = None,
-    signals: terminal.SignalsFile = None,
-    recover: terminal.Recover = False,
-    read_period: terminal.ReadPeriod = 0.0,
-    rig: terminal.OwnRig = "",
+    initial: fit_options.Initial = None,
+    initial_samples: fit_options.InitialSamples = None,
+    warm_up: fit_options.WarmUp = None,
+    signals: options.SignalsFile = None,
+    recover: options.Recover = False,
+    read_period: options.ReadPeriod = 0.0,
+    rig: options.OwnRig = "",
     inspections: Sequence[Inspect] = (),
 ) -> None:
     """Score a model by strict free run: one initial state, never corrected; it is found as in the model's fit, unless
@@ -79,11 +80,11 @@ def _show(found: Sequence[ModelEvaluation], rig: Rig) -> None:
     ahead = {item.name: item.ahead for item in found if item.ahead}
     loops = {item.name: item.loop for item in found if item.loop is not None}
     if followed := {name: loops[name] for name in ahead if name in loops}:
-        print_table(terminal.score_table(followed, rig, "closed loop, from the commands alone"))
+        print_table(score_table(followed, rig, "closed loop, from the commands alone"))
     if ahead:
         print_table(_ahead_table(ahead, rig))
     if scores := {item.name: item.scores for item in found if item.scores}:
-        print_table(terminal.score_table(scores, rig, "free run", loops))
+        print_table(score_table(scores, rig, "free run", loops))
     for line in (line for item in found for line in item.judgements):
         console.print(line)
     if bands := {item.name: item.bands for item in found if item.bands}:

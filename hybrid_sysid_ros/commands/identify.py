@@ -12,9 +12,10 @@ from rich.table import Table
 
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import fit_options, options
 from hybrid_sysid_ros.commands.inspections import Inspect, print_inspections
 from hybrid_sysid_ros.commands.records import check_records, read_records
+from hybrid_sysid_ros.commands.score_table import score_table
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
@@ -40,14 +41,14 @@ EXPLAINED = 0.5  # R2 below which a model does not explain its training record
 def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to train on.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
-    rig: terminal.RigName = "",
-    structure: terminal.StructureName = "hybrid",
-    option: terminal.StructureOptions = None,
-    input_handling: terminal.InputHandlingOption = "auto",
-    step: terminal.StepOption = None,
-    period: terminal.Period = None,
-    part: terminal.PartText = "0:1",
-    seed: terminal.Seed = 0,
+    rig: options.RigName = "",
+    structure: fit_options.StructureName = "hybrid",
+    option: fit_options.StructureOptions = None,
+    input_handling: fit_options.InputHandlingOption = "auto",
+    step: fit_options.StepOption = None,
+    period: fit_options.Period = None,
+    part: options.PartText = "0:1",
+    seed: options.Seed = 0,
     criterion: Annotated[
         str,
         typer.Option(
@@ -55,18 +56,18 @@ def command(
             help="What the physics is fitted by: errors of free runs, or of a filter whose input offset walks.",
         ),
     ] = "simulation",
-    initial: terminal.Initial = None,
-    initial_samples: terminal.InitialSamples = None,
-    warm_up: terminal.WarmUp = None,
-    signals: terminal.SignalsFile = None,
-    recover: terminal.Recover = False,
-    read_period: terminal.ReadPeriod = 0.0,
+    initial: fit_options.Initial = None,
+    initial_samples: fit_options.InitialSamples = None,
+    warm_up: fit_options.WarmUp = None,
+    signals: options.SignalsFile = None,
+    recover: options.Recover = False,
+    read_period: options.ReadPeriod = 0.0,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
-    overwrite: terminal.Overwrite = False,
+    overwrite: options.Overwrite = False,
     anyway: Annotated[
         bool, typer.Option("--anyway", help="Fit also to records from which nothing can be learned.")
     ] = False,
-    as_json: terminal.Json = False,
+    as_json: options.Json = False,
     comparisons: Sequence[Inspect] = (),
 ) -> None:
     """Identify a model from bags."""
@@ -76,7 +77,7 @@ def command(
         check_file(report, suffix=".html")
     described = load_rig(rig)
     start = {"initial": initial, "initial_samples": initial_samples, "warm_up": warm_up}
-    sampling = terminal.sampling_of(described, step, period, input_handling, **start)
+    sampling = fit_options.sampling_of(described, step, period, input_handling, **start)
     records = read_records(bag, rig, signals, recover, read_period, sampling)
     check_records(records, described, anyway=anyway)
     fitted = Part.parse(part)
@@ -141,7 +142,7 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
                     f"{_reason(model, name, records)}"
                 )
     title = "training" if rig.experiments.stabiliser is None else "training, closed by the stabiliser"
-    print_table(terminal.score_table(model.scores, rig, title))
+    print_table(score_table(model.scores, rig, title))
     if rows := stages_of(model, records):
         print_table(stages_table(rows))
 

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console
+from hybrid_sysid_ros.commands.options import Overwrite, RigName
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import parameter_file
 from hybrid_sysid_ros.support.files import check_file, write_text

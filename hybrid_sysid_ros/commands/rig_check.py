@@ -11,7 +11,8 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Json, RigPlace, console, end, print_table
+from hybrid_sysid_ros.commands.options import Json, RigPlace
+from hybrid_sysid_ros.commands.terminal import console, end, print_table
 from hybrid_sysid_ros.rigs.check import MOST_STEPS, check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import preflight

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Json, console, end, print_table
+from hybrid_sysid_ros.commands.options import Json
+from hybrid_sysid_ros.commands.terminal import console, end, print_table
 from hybrid_sysid_ros.rigs.folder import find, names
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options, terminal
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -24,8 +24,8 @@ EXTENDED_BY = "companions"
 
 
 def command(
-    rig: terminal.RigName = "",
-    policy: Annotated[terminal.DriverChoice, typer.Option(help="What drives the rig.")] = "supervised",
+    rig: options.RigName = "",
+    policy: Annotated[options.DriverChoice, typer.Option(help="What drives the rig.")] = "supervised",
     solver: Annotated[
         Literal["sqp", "ipopt"], typer.Option(help="Solver of the exact MPC; ipopt is the slow reference.")
     ] = "sqp",
@@ -40,9 +40,9 @@ def command(
             "default the rig's first."
         ),
     ] = "",
-    seed: terminal.Seed = 0,
+    seed: options.Seed = 0,
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
-    overwrite: terminal.Overwrite = False,
+    overwrite: options.Overwrite = False,
     lockstep: Annotated[
         bool, typer.Option("--lockstep", help="Run in simulated time, as fast as the nodes answer; the run repeats.")
     ] = False,
@@ -54,7 +54,7 @@ def command(
     ] = None,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print all diagnostics at the end.")] = False,
-    as_json: terminal.Json = False,
+    as_json: options.Json = False,
     companions: Sequence[Companion] = (),
 ) -> None:
     """Run plant, estimator, controller and reference as ROS 2 nodes; end with six lines on how it went."""

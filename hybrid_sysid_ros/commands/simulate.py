@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, Seed, console
+from hybrid_sysid_ros.commands.options import Overwrite, RigName, Seed
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.rigs.experiments import duration_of, simulate_experiment
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 

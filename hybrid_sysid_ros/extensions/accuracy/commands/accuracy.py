@@ -13,7 +13,8 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import Json, Seed, console, print_table, status, typed
+from hybrid_sysid_ros.commands.options import Json, Seed
+from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.extensions.accuracy.statistics import (
     Accuracy,

@@ -12,7 +12,8 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import ClusterAddress, Json, RigPlace, Seed, console, print_table, status, typed
+from hybrid_sysid_ros.commands.options import ClusterAddress, Json, RigPlace, Seed
+from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.extensions.accuracy.mockup import ShotPlan, mockup
 from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, batches
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows

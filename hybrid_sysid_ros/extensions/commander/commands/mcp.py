@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import RigName
+from hybrid_sysid_ros.commands.options import RigName
 from hybrid_sysid_ros.extensions.commander.commands.say import CLIENT
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes

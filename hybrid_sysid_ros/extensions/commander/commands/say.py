@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import DriverChoice, RigName, console, end
+from hybrid_sysid_ros.commands.options import DriverChoice, RigName
+from hybrid_sysid_ros.commands.terminal import console, end
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.extensions.ensemble.ensemble import DEVIATIONS, Ensemble, ensemble
@@ -20,12 +20,12 @@ from hybrid_sysid_ros.models import load as load_model
 def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to score the models on.")],
     model: Annotated[list[Path], typer.Option("--model", help="A model folder; give two or more.")],
-    as_json: terminal.Json = False,
-    part: terminal.PartText = "0:1",
-    signals: terminal.SignalsFile = None,
-    recover: terminal.Recover = False,
-    read_period: terminal.ReadPeriod = 0.0,
-    rig: terminal.OwnRig = "",
+    as_json: options.Json = False,
+    part: options.PartText = "0:1",
+    signals: options.SignalsFile = None,
+    recover: options.Recover = False,
+    read_period: options.ReadPeriod = 0.0,
+    rig: options.OwnRig = "",
 ) -> None:
     """Score the mean of several models' free runs beside each of them, and tell whether their spread holds what was
     measured.

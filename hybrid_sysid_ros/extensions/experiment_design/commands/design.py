@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.experiment_design.design import Design, designed
 from hybrid_sysid_ros.extensions.experiment_design.gain import InformationGain, gained
@@ -31,8 +31,8 @@ FAR = 3.0
 
 
 def command(
-    model: terminal.ModelFolder,
-    rig: terminal.RigName = "",
+    model: options.ModelFolder,
+    rig: options.RigName = "",
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the experiment.")] = None,
     seconds: Annotated[float, typer.Option(help="Length of the experiment [s].", min=1.0, max=3600.0)] = 60.0,
     parameters: Annotated[
@@ -48,13 +48,13 @@ def command(
         list[Path] | None,
         typer.Option(help="Bag that the model is from, may be repeated: go where these have not been, instead."),
     ] = None,
-    seed: terminal.Seed = 0,
+    seed: options.Seed = 0,
     done: Annotated[
         Path | None, typer.Option(help="Bag of an experiment that was done: say what it has shown.")
     ] = None,
-    signals: terminal.SignalsFile = None,
-    overwrite: terminal.Overwrite = False,
-    as_json: terminal.Json = False,
+    signals: options.SignalsFile = None,
+    overwrite: options.Overwrite = False,
+    as_json: options.Json = False,
 ) -> None:
     """Design the experiment that tells most of what a model does not know yet, or say what a record has shown."""
     if out is not None:

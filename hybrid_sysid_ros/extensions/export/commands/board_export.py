@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import ModelFolder, Overwrite, OwnRig, console
+from hybrid_sysid_ros.commands.options import ModelFolder, Overwrite, OwnRig
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.export.board.folder import BOARDS, MANIFEST, export_board, missing_tools
 from hybrid_sysid_ros.extensions.export.exported_loop import Daqp, PolicyFolder, exported_loop
 from hybrid_sysid_ros.support.files import check_folder

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import ModelFolder, Overwrite, OwnRig, console
+from hybrid_sysid_ros.commands.options import ModelFolder, Overwrite, OwnRig
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.export.exported_loop import Daqp, exported_loop
 from hybrid_sysid_ros.extensions.export.fmu.export import FmuExport, export_controller, export_simulation
 from hybrid_sysid_ros.support.errors import UserError

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import ModelFolder, Overwrite, OwnRig, console
+from hybrid_sysid_ros.commands.options import ModelFolder, Overwrite, OwnRig
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.export.exported_loop import Daqp, PolicyFolder, exported_loop
 from hybrid_sysid_ros.extensions.export.unit.folder import MANIFEST, MOST, export_loop
 from hybrid_sysid_ros.support.files import check_folder

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import ModelFolder, Overwrite, OwnRig, console
+from hybrid_sysid_ros.commands.options import ModelFolder, Overwrite, OwnRig
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.export.casadi_functions import STEP
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.library.policies import export

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, console
+from hybrid_sysid_ros.commands.options import Overwrite, OwnRig
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE
 from hybrid_sysid_ros.extensions.export.policy_folder import Check, ExportFormat, export
 

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, console
+from hybrid_sysid_ros.commands.options import Overwrite, OwnRig
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.export.robots.export import SUFFIXES, RobotExport, export_robot
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.models import storage

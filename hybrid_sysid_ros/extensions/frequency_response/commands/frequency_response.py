@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report as reports
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.core import System
@@ -27,15 +27,15 @@ ROWS = 12
 
 
 def command(
-    model: terminal.ModelFolder,
+    model: options.ModelFolder,
     bag: Annotated[list[Path], typer.Argument(help="Bags whose inputs are used, and whose outputs are compared.")],
-    as_json: terminal.Json = False,
-    part: terminal.PartText = "0:1",
+    as_json: options.Json = False,
+    part: options.PartText = "0:1",
     report: Annotated[Path | None, typer.Option(help="Write an HTML page with gain, phase and coherence.")] = None,
-    signals: terminal.SignalsFile = None,
-    recover: terminal.Recover = False,
-    read_period: terminal.ReadPeriod = 0.0,
-    rig: terminal.OwnRig = "",
+    signals: options.SignalsFile = None,
+    recover: options.Recover = False,
+    read_period: options.ReadPeriod = 0.0,
+    rig: options.OwnRig = "",
 ) -> None:
     """Compare the frequency response of a model's free run with that of bags, from the same inputs; the model's bands
     are what its parameters leave open.

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Json, console, end
+from hybrid_sysid_ros.commands.options import Json
+from hybrid_sysid_ros.commands.terminal import console, end
 from hybrid_sysid_ros.extensions.graph.asking import Domain, LoopRig, Timeout, ask
 
 

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Json, console, print_table
+from hybrid_sysid_ros.commands.options import Json
+from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.extensions.graph.asking import Domain, LoopRig, NodeName, Timeout, ask
 
 

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Json, console
+from hybrid_sysid_ros.commands.options import Json
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.graph.asking import SLOW, Domain, LoopRig, NodeName, Timeout, ask
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -11,7 +11,8 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status, typed
+from hybrid_sysid_ros.commands.options import Overwrite, RigName
+from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.extensions.importing.commands.options import ColumnNames, ColumnUnits, OtherFiles, pairs
 from hybrid_sysid_ros.extensions.importing.conversion import records_of, write_records
 from hybrid_sysid_ros.extensions.importing.guessing import Question, guessed

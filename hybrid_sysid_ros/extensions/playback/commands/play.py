@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Recover
+from hybrid_sysid_ros.commands.options import Recover
 from hybrid_sysid_ros.runtime import node_commands, processes
 
 

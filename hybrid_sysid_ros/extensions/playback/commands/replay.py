@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options, terminal
 from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, ReplayComparison, compare
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
@@ -25,19 +25,19 @@ BAG, NUMBERS, PAGE = "replayed", "replay.json", "report.html"
 def command(
     bag: Annotated[Path, typer.Argument(help="Bag of a recorded closed loop.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the replayed bag, the numbers and a report.")] = None,
-    rig: terminal.RigName = "",
+    rig: options.RigName = "",
     model: Annotated[
         Path | None, typer.Option(help="Model folder; by default the model that the bag was recorded with.")
     ] = None,
     policy: Annotated[
-        terminal.DriverChoice | None, typer.Option(help="What drives the rig; as recorded by default.")
+        options.DriverChoice | None, typer.Option(help="What drives the rig; as recorded by default.")
     ] = None,
     policy_path: Annotated[
         Path | None, typer.Option(help="Policy folder; by default the policy that the bag was recorded with.")
     ] = None,
-    recover: terminal.Recover = False,
-    overwrite: terminal.Overwrite = False,
-    as_json: terminal.Json = False,
+    recover: options.Recover = False,
+    overwrite: options.Overwrite = False,
+    as_json: options.Json = False,
 ) -> None:
     """Send what a bag recorded of a loop through estimator and controller again, and compare the answers."""
     processes.check_ros()

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options, terminal
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.extensions.policies.configured import trial_of
@@ -33,20 +33,20 @@ def command(
     loops: Annotated[
         int, typer.Option(help="Number of independent closed loops of this seed; other seeds stay counted.", min=1)
     ] = certificates.LOOPS,
-    seed: terminal.Seed = 0,
+    seed: options.Seed = 0,
     seconds: Annotated[float | None, typer.Option(help="Length of a loop [s].", min=0.02, max=8.0)] = None,
     delta: Annotated[
         float, typer.Option(help="Probability with which one of all bounds may be wrong.")
     ] = certificates.DELTA,
-    workers: terminal.WorkerCount = 0,
-    cluster: terminal.ClusterAddress = "",
+    workers: options.WorkerCount = 0,
+    cluster: options.ClusterAddress = "",
     again: Annotated[
         int | None,
         typer.Option("--again", help="Number of a loop to run again and print; nothing is written.", min=0),
     ] = None,
-    driver: Annotated[terminal.DriverChoice, typer.Option(help="What drives the loop of --again.")] = "network",
-    rig: terminal.OwnRig = "",
-    as_json: terminal.Json = False,
+    driver: Annotated[options.DriverChoice, typer.Option(help="What drives the loop of --again.")] = "network",
+    rig: options.OwnRig = "",
+    as_json: options.Json = False,
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 

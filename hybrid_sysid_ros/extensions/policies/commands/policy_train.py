@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options, terminal
 from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.library.policies import DEFAULT, train_policy
@@ -21,9 +21,9 @@ from hybrid_sysid_ros.support.progress import progress_bars
 
 
 def command(
-    model: terminal.ModelFolder,
+    model: options.ModelFolder,
     out: Annotated[Path, typer.Option("--out", help="Folder for the policy.")],
-    seed: terminal.Seed = 0,
+    seed: options.Seed = 0,
     episodes: Annotated[
         int, typer.Option(help="Number of closed loops of 20 horizons in each round.", min=2)
     ] = DEFAULT.episodes[0],
@@ -53,11 +53,11 @@ def command(
             help="Share of a state's range by which the imitated MPC has its bounds tighter.", min=0.0, max=0.49
         ),
     ] = DEFAULT.margin,
-    workers: terminal.WorkerCount = 0,
-    cluster: terminal.ClusterAddress = "",
-    rig: terminal.OwnRig = "",
-    overwrite: terminal.Overwrite = False,
-    as_json: terminal.Json = False,
+    workers: options.WorkerCount = 0,
+    cluster: options.ClusterAddress = "",
+    rig: options.OwnRig = "",
+    overwrite: options.Overwrite = False,
+    as_json: options.Json = False,
 ) -> None:
     """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train]).
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.promotion.model_gain import FEWEST, LEVEL, ModelGain, gain_of
@@ -23,12 +23,12 @@ def command(
     model: Annotated[Path, typer.Argument(help="Folder of the model that is to be used.")],
     bag: Annotated[list[Path], typer.Argument(help="Bags that neither model was trained on.")],
     in_use: Annotated[Path, typer.Option("--in-use", help="Folder of the model in use, which is replaced.")],
-    part: terminal.PartText = "0:1",
-    as_json: terminal.Json = False,
-    signals: terminal.SignalsFile = None,
-    recover: terminal.Recover = False,
-    read_period: terminal.ReadPeriod = 0.0,
-    rig: terminal.OwnRig = "",
+    part: options.PartText = "0:1",
+    as_json: options.Json = False,
+    signals: options.SignalsFile = None,
+    recover: options.Recover = False,
+    read_period: options.ReadPeriod = 0.0,
+    rig: options.OwnRig = "",
 ) -> None:
     """Put a model into use if its free runs over records that neither model has seen are better than those of the one
     in use, by more than their uncertainty. Its folder then holds a copy, and nodes use it when they start again.

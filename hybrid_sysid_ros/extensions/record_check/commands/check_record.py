@@ -12,7 +12,7 @@ from rich.table import Table
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.records import check_names
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
@@ -27,12 +27,12 @@ from hybrid_sysid_ros.support.files import check_file
 
 def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to check.")],
-    rig: terminal.RigName = "",
-    signals: terminal.SignalsFile = None,
-    recover: terminal.Recover = False,
-    read_period: terminal.ReadPeriod = 0.0,
+    rig: options.RigName = "",
+    signals: options.SignalsFile = None,
+    recover: options.Recover = False,
+    read_period: options.ReadPeriod = 0.0,
     report: Annotated[Path | None, typer.Option(help="Write an HTML page with plots.")] = None,
-    as_json: terminal.Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Check records before a model is fitted to them: faults with their cures, the costliest first. The exit status is
     1 where a fit would be worth nothing.

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import fit_options, options
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, search, trial_name
@@ -34,7 +34,7 @@ def command(
         str, typer.Option(help="SQLite file that keeps the trials, or a database's URL.")
     ] = "out/search.db",
     name: Annotated[str, typer.Option(help="Name of the study in the file; the structure's name by default.")] = "",
-    structure: terminal.StructureName = "hybrid",
+    structure: fit_options.StructureName = "hybrid",
     trials: Annotated[int, typer.Option(help="Total number of trials, including those of earlier runs.", min=1)] = 40,
     timeout: Annotated[
         float, typer.Option(help="Time after which no further trial begins [s]; 0: no limit.", min=0.0)
@@ -48,17 +48,17 @@ def command(
     ] = "",
     folds: Annotated[int, typer.Option(help="Groups in which parts of the bags are held out in turn.", min=2)] = 3,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for a model with the best options.")] = None,
-    rig: terminal.RigName = "",
-    input_handling: terminal.InputHandlingOption = "averaged",
-    step: terminal.StepOption = None,
-    period: terminal.Period = None,
-    part: terminal.PartText = "0:1",
-    seed: terminal.Seed = 0,
-    signals: terminal.SignalsFile = None,
-    recover: terminal.Recover = False,
-    read_period: terminal.ReadPeriod = 0.0,
-    overwrite: terminal.Overwrite = False,
-    as_json: terminal.Json = False,
+    rig: options.RigName = "",
+    input_handling: fit_options.InputHandlingOption = "averaged",
+    step: fit_options.StepOption = None,
+    period: fit_options.Period = None,
+    part: options.PartText = "0:1",
+    seed: options.Seed = 0,
+    signals: options.SignalsFile = None,
+    recover: options.Recover = False,
+    read_period: options.ReadPeriod = 0.0,
+    overwrite: options.Overwrite = False,
+    as_json: options.Json = False,
 ) -> None:
     """Search the options of a structure for the best free run over data held out (needs the extra [search]).
 
@@ -67,7 +67,7 @@ def command(
     if out is not None:
         check_folder(out, marker="model.yaml", replace=overwrite)
     described = load_rig(rig)
-    sampling = terminal.sampling_of(described, step, period, input_handling)
+    sampling = fit_options.sampling_of(described, step, period, input_handling)
     objective = Objective(
         records=read_records(bag, rig, signals, recover, read_period, sampling),
         rig=described,

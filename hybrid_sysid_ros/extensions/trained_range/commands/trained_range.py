@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.identification import notes_of
@@ -20,10 +20,10 @@ from hybrid_sysid_ros.support.errors import UserError, counted
 def command(
     model: Annotated[Path, typer.Argument(help="Folder of a model that was fitted before these notes were kept.")],
     bag: Annotated[list[Path], typer.Argument(help="The bags that it was fitted to.")],
-    signals: terminal.SignalsFile = None,
-    recover: terminal.Recover = False,
-    read_period: terminal.ReadPeriod = 0.0,
-    rig: terminal.OwnRig = "",
+    signals: options.SignalsFile = None,
+    recover: options.Recover = False,
+    read_period: options.ReadPeriod = 0.0,
+    rig: options.OwnRig = "",
 ) -> None:
     """Note beside a model which motions it was trained on and how wide its bands are, from its training records.
 

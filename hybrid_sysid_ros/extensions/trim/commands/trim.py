@@ -10,7 +10,8 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import RigPlace, console, print_table
+from hybrid_sysid_ros.commands.options import RigPlace
+from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.trim.equilibrium import Eigenmode, Equilibrium, equilibrium
 from hybrid_sysid_ros.extensions.trim.modes import mode_name, named_modes

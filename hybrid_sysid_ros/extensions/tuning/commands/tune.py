@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.terminal import console, status, typed
 from hybrid_sysid_ros.extensions.tuning import tuning
 from hybrid_sysid_ros.extensions.tuning.front import opened_trials
@@ -42,9 +42,9 @@ def command(
         "out/tuned"
     ),
     jobs: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
-    seed: terminal.Seed = 0,
-    overwrite: terminal.Overwrite = False,
-    as_json: terminal.Json = False,
+    seed: options.Seed = 0,
+    overwrite: options.Overwrite = False,
+    as_json: options.Json = False,
 ) -> None:
     """Tune weights, horizon and filter noises on simulated loops of the certificate's kinds (extras [search, report]).
 

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigPlace, console
+from hybrid_sysid_ros.commands.options import Overwrite, RigPlace
+from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.view import layouts
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
 from hybrid_sysid_ros.rigs.rig import load

@@ -11,7 +11,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import RigName, console, status
+from hybrid_sysid_ros.commands.options import RigName
+from hybrid_sysid_ros.commands.terminal import console, status
 from hybrid_sysid_ros.extensions.view.companion import PORT, Port, address
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes

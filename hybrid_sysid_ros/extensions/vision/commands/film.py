@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, Seed, console, status
+from hybrid_sysid_ros.commands.options import Overwrite, RigName, Seed
+from hybrid_sysid_ros.commands.terminal import console, status
 from hybrid_sysid_ros.extensions.vision.camera.film import CRF
 from hybrid_sysid_ros.extensions.vision.camera.filming import filmed
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
