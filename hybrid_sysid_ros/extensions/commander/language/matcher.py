@@ -248,6 +248,9 @@ class _Matcher:
         self.made.bit = found.text
 
     def _note_sense(self, found: _Found) -> None:
+        """Raise UserError for a second one."""
+        if self.made.sense is not None:
+            raise UserError(f"{self.made.sense.text} and {found.text} contradict one another: leave one out")
         self.made.sense = found.part[0]
 
     def _note_displacing(self, found: _Found) -> None:

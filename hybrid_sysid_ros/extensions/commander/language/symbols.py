@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 LONGEST = 300  # characters of a sentence
 TOKEN = re.compile(
     r"""\s*(?:
-      (?P<number>[+-]?(?:\d+(?:[.,]\d+)?|\.\d+)(?:[eE][+-]?\d+)?(?![\w.]*\d))
+      (?P<number>[+-]?(?:\d+(?:[.,]\d+)?|(?<!\w)[.,]\d+)(?:[eE][+-]?\d+)?(?![\w.]*\d))
     | (?P<sign>\+/?-|±)
     | (?P<path>"[^"]{1,200}"|'[^']{1,200}'|[\w~-][\w./~-]*\.(?i:csv|txt|jpe?g|png)\b)
     | (?P<unit>(?:%|°C?)(?:/(?:s|min)(?:\^2)?)?|[^\W\d_]+(?:/(?:s|min|h|sec|second)(?:\^2|²)?\b))
@@ -226,7 +226,12 @@ class _Reader(QuantityReader):
         return bool(verbs) and verbs[-1] == "follow"
 
     def _verb_here(self) -> bool:
-        """Whether a word that names an input, too, is a verb: it begins the clause."""
+        """Whether a word that names an input, too, is a verb: it begins the clause, without an article, and no "at" is
+        behind it ("the drive at 2").
+        """
+        ahead = self.lexicon.meanings.get(tuple(self.words[self.at + 1 : self.at + 2]), ())
+        if ahead[:1] == (("W", "at"),) or (self.at and (self.words[self.at - 1],) in self.lexicon.parts["articles"]):
+            return False
         before = next((symbol.kind for symbol in reversed(self.found) if symbol.kind not in ","), "")
         return before in ("", ";", "j") and any(
             kind == "V" for kind, _ in self.lexicon.meanings.get((self.word(),), ())
