@@ -14,6 +14,8 @@ CONSTANTS, DAMPINGS = np.geomspace(1.0 / 60.0, 3.0, 24), np.array([0.05, 0.2, 0.
 """Where the search for an equation begins: time constants in periods of the band, and damping ratios."""
 LONGEST, FASTEST = 3.0, 1.5
 """Longest time constant, in records; fastest pole, over a step of the fit."""
+AT_BOUND = 1.05
+"""Lag, in the shortest one of a search, below which it is at its bound."""
 MOST = 20_000
 """Samples at the beginning of a record by which the equation is found."""
 DELAYS = np.unique(np.round(np.geomspace(1.0, 1000.0, 40)).astype(int)).tolist()
@@ -64,6 +66,11 @@ def equation_of(output: Array, inputs: Sequence[Array], every: int, step: float,
     search.least()
     _, found, constant, damping = search.solved(search.point)
     return (*found[: len(inputs) + 1].tolist(), constant, damping)
+
+
+def is_first_order(constant: float, damping: float, step: float) -> bool:
+    """Whether the faster one of two lags is at its bound, so that steps of fits do not tell it from none."""
+    return damping > 1.0 and constant / (damping + np.sqrt(damping**2 - 1.0)) < AT_BOUND * step / FASTEST
 
 
 class _Search:

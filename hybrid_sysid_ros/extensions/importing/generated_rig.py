@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import keyword
 import re
 import unicodedata
@@ -13,11 +12,12 @@ import numpy as np
 import yaml
 
 from hybrid_sysid_ros.extensions.importing.conversion import row_times
-from hybrid_sysid_ros.extensions.importing.first_equation import delays_of, equation_of, late
+from hybrid_sysid_ros.extensions.importing.first_equation import delays_of
 from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
 from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, without_unit, words_of
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
+from hybrid_sysid_ros.extensions.importing.system_text import MadeSignal, system_text
 from hybrid_sysid_ros.extensions.importing.time_columns import times_of_column
 from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.units import LARGEST, named
@@ -34,40 +34,10 @@ what integrates moves slowly, and answers fast.
 """
 NOISE = 6.0
 """Power of a line that passes for noise, in the median of the fastest lines."""
-STABLE = 2.0
-"""Largest rate of decay, over a step: from 2.8 on Runge & Kutta's method diverges, so that a lag of first order, for
-which a fit makes this rate as large as it can, would end where a network beside it diverges.
-"""
+HELD = 1e-9
+"""Change of an input, in its span, below which it is held."""
 PER_PERIOD, FEWEST = 20.0, 300
 """Steps of a fit in a period of that frequency, and fewest steps in the record."""
-FARTHEST = 1000.0
-"""Bounds of a parameter, in its first value."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class MadeSignal:
-    """An input or output of the rig that is made."""
-
-    name: str
-    column: LogColumn
-    unit: str
-    """Of the rig: SI where the column's unit is known."""
-    factor: float
-    """Of the rig's unit per unit of the column."""
-    values: Array
-    """At the samples, (samples,) [unit of the rig], without wraps."""
-    stated: str
-    """Unit of the column; that of an angle that wraps is guessed where none is stated."""
-    wraps: bool
-    """Whether the column has an angle modulo a turn."""
-    missing: float | None
-    """Number in the column that stands for missing values."""
-
-    @property
-    def turns(self) -> bool:
-        """Whether it is an angle that goes beyond half a turn to either side, where its sine may act."""
-        turn = turn_of(self.unit)
-        return turn is not None and float(np.ptp(self.values)) > turn
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +118,7 @@ def made_rig(
             )
         )  # fmt: skip
     made_inputs, made_outputs = signals[: len(inputs)], signals[len(inputs) :]
-    step, band = _time_scale(made_outputs, grid.period)
+    step, band = _time_scale(made_inputs, made_outputs, grid.period)
     delays = delays_of(
         [item.values for item in made_outputs], [item.values for item in made_inputs], round(step / grid.period), step,
         band,
@@ -159,7 +129,7 @@ def made_rig(
         outputs={item.name: _column(item, time) for item in made_outputs},
     )
     return MadeRig(
-        system=_system_text(name, file, made_inputs, made_outputs, delays, grid.period, step, band),
+        system=system_text(name, file, made_inputs, made_outputs, delays, grid.period, step, band),
         values=_values_text(file, made_inputs, made_outputs, step),
         mapping=mapping,
         step=step,
@@ -195,8 +165,8 @@ def _si(unit: str) -> tuple[str, float]:
     return found.base + ("" if not found.per else "/s" if found.per == 1 else f"/s^{found.per}"), found.factor
 
 
-def _time_scale(outputs: Sequence[MadeSignal], period: float) -> tuple[float, float]:
-    """Step of fits [s], a multiple of the samples', and the frequency [Hz] below which the outputs vary."""
+def _time_scale(inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], period: float) -> tuple[float, float]:
+    """Step of fits [s], which divides the times for which inputs are held, and the frequency [Hz] of the outputs."""
     samples = len(outputs[0].values)
     bands = []
     for item in outputs:
@@ -208,100 +178,17 @@ def _time_scale(outputs: Sequence[MadeSignal], period: float) -> tuple[float, fl
         bands.append(_below(np.maximum(smooth - noise, 0.0) * frequencies**2, frequencies, RATE_BAND))
     band = min(max(*bands, 2.0 / (samples * period)), 0.3 / period)
     every = max(1, min(int(1.0 / (PER_PERIOD * band * period)), samples // FEWEST))
+    moved = [np.abs(np.diff(item.values)) > HELD * np.ptp(item.values) for item in inputs]
+    held = [np.gcd.reduce(np.flatnonzero(item) + 1) for item in moved]
+    whole = int(np.gcd.reduce(held))  # samples from one change of the inputs to the next, or a multiple
+    fitting = max(k for k in range(1, every + 1) if whole % k == 0)
+    every = fitting if whole > 1 and 2 * fitting >= every else every
     return float(f"{every * period:.12g}"), float(band)
 
 
 def _below(power: Array, frequencies: Array, share: float) -> float:
     """The frequency below which a share of the power lies; 0 where there is none."""
     return float(frequencies[int(np.argmax(np.cumsum(power) >= share * power.sum()))])
-
-
-def _system_text(
-    name: str, file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], delays: Sequence[int],
-    period: float, step: float, band: float,
-) -> str:  # fmt: skip
-    several, every = len(outputs) > 1 or len(inputs) > 1, round(step / period)
-    states, fields, rates = [], [], []
-    us = [late(item.values, delay) for item, delay in zip(inputs, delays, strict=True)]
-    for item in outputs:
-        states += [_quoted(f"{item.name} [{item.unit}]"), _quoted(f"{item.name}_rate [{item.unit}/s]")]
-        *values, offset, constant, damping = equation_of(item.values, us, every, step, band)
-        size = max(float(np.ptp(item.values)), abs(float(item.values.mean())))
-        terms = []
-        for k, (u, value) in enumerate(zip(inputs, values, strict=True)):
-            field = f"{item.name}_per_{u.name}" if several else "gain"
-            terms.append(f"self.{field} * u[{k}]")
-            most = FARTHEST * max(abs(value), 1e-3 * size / max(float(np.ptp(u.values)), 1e-12))
-            unit = item.unit if u.unit == "1" else f"{item.unit}/({u.unit})"
-            fields.append(_field(field, value, -most, most, unit, f"{item.name} per {u.name}, at rest."))
-        own = f"{item.name}_" if several else ""
-        most = FARTHEST * max(abs(offset), 1e-3 * size)
-        shortest, longest = max(constant / FARTHEST, step / 2.0), FARTHEST * constant
-        fields += [
-            _field(f"{own}offset", offset, -most, most, item.unit, f"{item.name} at rest without an input."),
-            _field(f"{own}time_constant", constant, shortest, longest, "s", "1 / the natural frequency [rad/s]."),
-            _field(f"{own}damping", damping, damping / FARTHEST, FARTHEST * damping, "1", "Damping ratio."),
-        ]
-        pull = " + ".join([*terms, f"self.{own}offset"])
-        decay = f"clip(2.0 * self.{own}damping / self.{own}time_constant, 0.0, FASTEST)"
-        pulled = f"({pull} - {item.name}) / self.{own}time_constant**2"
-        rates += [f"{item.name}_rate", f"{pulled} - {decay} * {item.name}_rate"]
-    dead = {f"{u.name}_delay": (u, delay * period) for u, delay in zip(inputs, delays, strict=True) if delay}
-    fields += [
-        _field(field, seconds, 0.0, 3.0 * seconds, "s", f"By which {u.name} acts later.")
-        for field, (u, seconds) in dead.items()
-    ]
-    declared = ", ".join(f'"{u.name}": "{field}"' for field, (u, _) in dead.items())
-    names = "".join(f"{item.name}, {item.name}_rate, " for item in outputs).removesuffix(", ")
-    plain = re.sub(r"[^\w. -]", "_", file.path.name)
-    return f'''"""{name}: equations to begin with, made of {plain}; replace them by the physics."""
-
-from __future__ import annotations
-
-from dataclasses import dataclass
-
-from hybrid_sysid_ros.core import RungeKutta, System, bounded
-from hybrid_sysid_ros.core.mathematics import clip
-
-FASTEST = {STABLE / step:.3g}
-"""Largest rate of decay [1/s] that the step of fits simulates stably."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class {_class_name(name)}(System):
-    """T^2 y'' = gain u + offset - y - 2 damping T y', for each output y; T is the time constant."""
-
-    provisional = True  # a guess, which no check of records takes for the physics; delete this line with the guess
-    states = ({", ".join(states)})
-    inputs = ({", ".join(_quoted(f"{item.name} [{item.unit}]") for item in inputs)},)
-    outputs = ({", ".join(f'"{item.name}"' for item in outputs)},)
-{f"    delays = {{{declared}}}{chr(10)}" if dead else ""}    stepper = RungeKutta()
-
-    # value, lowest, highest
-{"".join(fields)}
-    def law(self, x, u):
-        """Rates of the states."""
-        {names} = x
-        return (
-            {f",{chr(10)}            ".join(rates)},
-        )
-'''
-
-
-def _class_name(rig: str) -> str:
-    """The class of a rig's system: OvenHeater of oven_heater."""
-    name = "".join(part.capitalize() for part in rig.split("_"))
-    return name if name.isidentifier() and not keyword.iskeyword(name) else f"Rig{name}"
-
-
-def _quoted(text: str) -> str:
-    """A text of a file as Python reads it: whatever it holds, it stays a text."""
-    return json.dumps(text, ensure_ascii=False)
-
-
-def _field(name: str, value: float, low: float, high: float, unit: str, words: str) -> str:
-    text = f'    """{words}"""\n' if words else ""
-    return f"    {name}: float = bounded({value:.4g}, {low:.3g}, {high:.3g}, unit={_quoted(unit)})\n{text}"
 
 
 def _values_text(file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[MadeSignal], step: float) -> str:

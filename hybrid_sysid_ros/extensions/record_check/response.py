@@ -69,8 +69,8 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
         apart = time_of_change(expected[:, k])
         longest = min(max(LONGEST_LAG, CHANGES * apart), record.samples // 6)
         parts = list(changes_of(signal, expected[:, k], record.input.T, apart, CERTAIN if guessed else LAWFUL))
-        if parts:
-            yield from parts
+        yield from parts
+        if any(item.kind != "jump" for item in parts):
             continue
         found = best_alignment(signal.values, expected[:, k], ~signal.spoilt, apart, longest)
         judged = list(_judged(record, signal, found, expected[:, k], apart, longest, rig))
@@ -78,7 +78,7 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
             delays = (rig.system.input_delays / period).tolist()
             if play := _hysteresis(inputs, delays, signal, expected[:, k], found.lag):
                 judged = [item for item in judged if item.kind != "delay"] + [play]  # which a play looks like
-        yield from judged
+        yield from (item for item in judged if not parts or item.kind == "no relation")
 
 
 def input_acts_as_held(record: Record, rig: Rig, every: int) -> bool | None:
@@ -186,11 +186,12 @@ def _differences(
             cure=f"shift: {round(found.lag)} of its column in import.yaml; or "
             + ("give the rig that delay, if it is real" if late > 0 else "the rig's law is slower, if it is a guess"),
         )  # fmt: skip
-    apart_from = signal.values - expected
-    line = np.polyfit(np.arange(len(expected)), apart_from, 1)
+    apart_from, at = signal.values - expected, np.arange(len(expected))
+    line = np.polyfit(at, apart_from, 1)
+    alike = float(np.corrcoef(at, expected)[0, 1]) ** 2  # of a slow ramp a line says nothing: laws err along it
     rise = abs(float(line[0])) * len(expected)
-    straight = np.var(np.polyval(line, np.arange(len(expected)))) > STRAIGHT * np.var(apart_from)
-    if straight and rise > DRIFTS * float(np.ptp(expected)) and found.correlation > 0.7:
+    straight = np.var(np.polyval(line, at)) > STRAIGHT * np.var(apart_from)
+    if straight and rise > max(DRIFTS, alike) * float(np.ptp(expected)) and found.correlation > 0.7:
         yield RecordFinding(
             kind="sensor drift", cost=0.6,
             words=f"{signal.name} leaves what the rig's physics say by {signal.shown(rise)}, along a straight line",

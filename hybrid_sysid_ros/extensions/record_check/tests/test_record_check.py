@@ -345,7 +345,11 @@ def test_a_guessed_law_that_is_slower_than_the_rig_accuses_no_sensor_of_haste(ca
     assert (
         program("rig", "from", "rc.csv", "./low_pass")[0] == program("import", "rc.csv", "--rig", "./low_pass")[0] == 0
     )
-    assert findings_of(hs.read_bag("bags/rc", "./low_pass"), hs.load_rig("./low_pass")) == []
+    rig = hs.load_rig("./low_pass")
+    assert findings_of(hs.read_bag("bags/rc", rig), rig) == []
+    assert [item.name for item in rig.system.states] == ["v_out"]
+    assert rig.system.named["time_constant"] == pytest.approx(1e-3, rel=0.06)
+    assert round(5e-4 / rig.step, 6).is_integer()  # edges of the input lie between steps
 
 
 def test_an_angle_without_a_unit_wraps_too():
