@@ -121,11 +121,16 @@ def test_a_model_prints_as_a_table_without_arrays(things: SimpleNamespace) -> No
     assert "rad/(s^2 V)" in str(things.model)
 
 
-def test_times_of_a_logger_in_single_precision_are_uniform() -> None:
+def test_times_in_single_precision_and_other_units_are_taken() -> None:
     time, wave = np.arange(4800) * 0.005, np.sin(np.arange(4800) * 0.01)
     given = {"inputs": wave, "outputs": wave * 0.1, "rig": "cam_beam"}
     single = hs.record(time=time.astype(np.float32), **given)
     np.testing.assert_allclose(single.time, time, rtol=1e-6)
+    own = hs.record(time=time, **given)
+    scaled = {**given, "inputs": wave * 1e3, "outputs": np.degrees(wave * 0.1)}
+    other = hs.record(time=time, **scaled, units={"position": "deg", "drive": "mV"})
+    np.testing.assert_allclose(other.output, own.output, rtol=1e-12)
+    np.testing.assert_allclose(other.input, own.input, rtol=1e-12)
     assert hs.record(time=time[:2], **{**given, "inputs": wave[:2], "outputs": wave[:2] * 0.1}).samples == 2
 
 

@@ -121,7 +121,7 @@ WRONG: list[Case] = [
     ("outputs", lambda t: made(outputs=3.0)),
     ("dtype complex128", lambda t: made(outputs=WAVE.astype(complex))),
     ("output position", lambda t: made(outputs=5.0 * WAVE)),
-    ("units", lambda t: made(units={"position": "deg"})),
+    ("units", lambda t: made(units={"position": "bar"})),
     ("units", lambda t: made(units={"speed": "V"})),
     ("units", lambda t: made(units="V")),
     ("units", lambda t: made(units={"position": "V"}, rig=None)),

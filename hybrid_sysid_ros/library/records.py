@@ -19,6 +19,7 @@ from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.plausibility import check_limits, check_travel, spikes, strangeness
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.units import factor_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError, shown
 from hybrid_sysid_ros.support.files import path_of
@@ -99,8 +100,9 @@ def record(
     time: (samples,) in seconds, uniform; it may begin anywhere. inputs: (samples, m), one column alone as (samples,),
     or a mapping of columns by the rig's names; inputs[k] acts from time[k] to time[k + 1]. outputs: (samples, p)
     likewise, measured at time[k]. rig: the rig that has these inputs and outputs, whose actuators and travel they must
-    fit. units: units of columns by name, where they are not the rig's: an output may be in the unit of its sensor's
-    readings. channels: further signals by name, (samples,) each. name: name of the record in tables.
+    fit. units: units of columns by name, where they are not the rig's, such as {"position": "mm"}; an output may also
+    be in the unit of its sensor's readings. channels: further signals by name, (samples,) each. name: name of the
+    record in tables.
 
     Raises UserError for another shape, unit or size than the rig's, for values that are not finite, and uneven times.
     """
@@ -112,7 +114,7 @@ def record(
     u = arguments.given_columns(inputs, "inputs", names["inputs"], len(times))
     y = arguments.given_columns(outputs, "outputs", names["outputs"], len(times))
     if units is not None:
-        y = y * _scales(units, described)
+        u, y = (values * scales for values, scales in zip((u, y), _scales(units, described), strict=True))
     found = Record(
         name=arguments.name_of(name, "name"),
         time=times,
@@ -163,27 +165,26 @@ def _times(value: ArrayLike) -> Array:
     return uniform
 
 
-def _scales(units: Mapping[str, str], rig: Rig | None) -> Array:
-    """SI per unit of each output; inputs have one unit."""
+def _scales(units: Mapping[str, str], rig: Rig | None) -> tuple[Array, Array]:
+    """What each input and each output is multiplied by, (m,) and (p,)."""
     if rig is None:
         raise UserError("units need a rig that they can be held against; give rig, too")
-    items = {item.name: item.unit for item in (*rig.system.inputs, *rig.system.outputs)}
     given = arguments.mapping_of(units, "units", '{"position": "mm"}')
-    for name, unit in given.items():
-        if name not in items:
-            raise UserError(f"units names {name!r}; {rig.name} has {', '.join(items)}")
-        read = [
-            display.unit for item, display in zip(rig.system.outputs, rig.display, strict=True) if item.name == name
-        ]
-        if not isinstance(unit, str) or unit not in (items[name], *read):
-            known = " or ".join(dict.fromkeys([items[name], *read]))
+    inputs = {item.name: (item.unit, item.unit, 1.0) for item in rig.system.inputs}
+    pairs = zip(rig.system.outputs, rig.display, strict=True)
+    outputs = {item.name: (item.unit, display.unit, display.scale) for item, display in pairs}
+    for name in given:
+        arguments.choice_of(name, "a name in units", [*inputs, *outputs])
+
+    def factor(name: str, own: str, read: str, scale: float) -> float:
+        unit = given.get(name, own)
+        if not isinstance(unit, str) or (found := scale if unit == read else factor_of(unit, own)) is None:
+            known = " or ".join(dict.fromkeys((own, read)))
             raise UserError(f"units of {name} is {shown(unit)}; {rig.name} takes {known}: convert the values")
-    return np.array(
-        [
-            1.0 if given.get(item.name, item.unit) == item.unit else display.scale
-            for item, display in zip(rig.system.outputs, rig.display, strict=True)
-        ]
-    )
+        return found
+
+    scales = ([factor(name, *of) for name, of in items.items()] for items in (inputs, outputs))
+    return np.array(next(scales)), np.array(next(scales))
 
 
 def _warn(line: str) -> None:

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.rigs.drivers import Experiments, experiments_of, index_of
 from hybrid_sysid_ros.rigs.excitation import Excitation, ReferenceSchedule, Segment
 from hybrid_sysid_ros.rigs.joints import Joints
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
+from hybrid_sysid_ros.rigs.units import factor_of
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
@@ -30,7 +31,6 @@ BEYOND = 1e9
 
 MARGIN = 0.02
 """Share of the travel at each end that no reference reaches."""
-PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -246,7 +246,7 @@ def _sensors(given: Mapping[str, Any], system: System, where: str) -> tuple[Sens
     for item in system.outputs:
         value, here = given.get(item.name), f"{where}.{item.name}"
         sensor = built(Sensor, {"unit": item.unit, **(value or {})} if isinstance(value, dict | None) else value, here)
-        factor = _factor(sensor.unit, item.unit)
+        factor = factor_of(sensor.unit, item.unit)
         unknown = factor is None and (sensor.scale != 1.0 or not item.unit)
         if not (unknown or (factor and math.isclose(abs(sensor.scale), factor, rel_tol=0.01))):
             raise UserError(
@@ -255,16 +255,6 @@ def _sensors(given: Mapping[str, Any], system: System, where: str) -> tuple[Sens
             )
         found.append(sensor)
     return tuple(found)
-
-
-def _factor(unit: str, si: str) -> float | None:
-    """Number of ``si`` in a ``unit``, where it follows from their names: a prefix, or degrees."""
-    if unit == si:
-        return 1.0
-    if unit.replace("deg", "rad") == si:
-        return math.pi / 180.0
-    plain = si and "^" not in si.partition("/")[0]  # mm^2 is not a thousandth of m^2
-    return next((factor for prefix, factor in PREFIXES.items() if plain and unit == prefix + si), None)
 
 
 def _actuators(given: Mapping[str, Any], system: System, where: str) -> tuple[Actuator, ...]:

@@ -18,7 +18,7 @@ OWN = {*RIGS, ROOT / "hybrid_sysid_ros" / "trained"}
 APART = {"__pycache__", "docs", "tests"}
 PACKAGE = ROOT / "hybrid_sysid_ros"
 OF_THE_SI = {
-    PACKAGE / "extensions" / "shared" / "units.py",
+    PACKAGE / "rigs" / "units.py",
     PACKAGE / "extensions" / "importing" / "guessing.py",
     *(PACKAGE / "extensions" / "commander" / "language" / "words").glob("*.yaml"),
 }

@@ -20,8 +20,8 @@ from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalC
 from hybrid_sysid_ros.extensions.importing.system_text import MadeSignal, system_text
 from hybrid_sysid_ros.extensions.importing.time_columns import times_of_column
 from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
-from hybrid_sysid_ros.extensions.shared.units import LARGEST, named
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unit_of_wraps, unwrapped, wraps_of
+from hybrid_sysid_ros.rigs.units import LARGEST, named
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper

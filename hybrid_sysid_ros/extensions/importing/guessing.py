@@ -11,9 +11,9 @@ from hybrid_sysid_ros.extensions.importing import mapping
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, words_of
 from hybrid_sysid_ros.extensions.importing.time_columns import time_of, times_of_column
 from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
-from hybrid_sysid_ros.extensions.shared.units import named
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, wraps_of
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.units import named
 from hybrid_sysid_ros.support.errors import UserError, UserErrors
 
 INPUTS = (

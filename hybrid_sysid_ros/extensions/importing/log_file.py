@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.shared.units import LETTERS, SYMBOLS
-from hybrid_sysid_ros.rigs.rig import PREFIXES
+from hybrid_sysid_ros.rigs.units import LETTERS, PREFIXES, SYMBOLS
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import Interrupted, UserError, known
 

@@ -10,8 +10,8 @@ from typing import Any
 import yaml
 
 from hybrid_sysid_ros.bags.signals import HOLDS
-from hybrid_sysid_ros.extensions.shared.units import SYMBOLS, named
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.units import SYMBOLS, factor_of, named
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.files import write_text
 from hybrid_sysid_ros.support.structured import built, read_mapping, refuse_endless, refuse_unknown, section
@@ -201,13 +201,13 @@ def ratio(given: str, wanted: str, display: str = "", display_scale: float = 1.0
         return 1.0
     if given == display:
         return display_scale
-    one, other = named(given), named(wanted or "1")
-    if one is None or other is None or not one.alike(other):
+    found = factor_of(given, wanted)
+    if found is None:
         raise UserError(
             f"{given!r} can't be turned into {wanted or 'a number without a unit'!r}: they don't measure the same, or "
             "one of them is unknown; give the scale"
         )
-    return one.factor / other.factor
+    return found
 
 
 def _brief(item: TimeColumn | SignalColumn) -> dict[str, Any]:

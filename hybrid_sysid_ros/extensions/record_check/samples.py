@@ -11,8 +11,8 @@ from scipy.ndimage import median_filter
 
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
-from hybrid_sysid_ros.extensions.shared.units import LARGEST
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unit_of_wraps, wraps_of
+from hybrid_sysid_ros.rigs.units import LARGEST
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import counted
 

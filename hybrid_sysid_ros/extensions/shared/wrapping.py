@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.extensions.shared.units import named
+from hybrid_sysid_ros.rigs.units import named
 from hybrid_sysid_ros.support.arrays import Array
 
 NEAR, LEAST = 0.05, 0.8

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
-from hybrid_sysid_ros.extensions.shared.units import PLAIN, Unit
+from hybrid_sysid_ros.rigs.units import PLAIN, Unit
 
 MOST = 20  # clauses
 ENDS = ("between", "range", "span")

@@ -10,7 +10,7 @@ import numpy as np
 from hybrid_sysid_ros.extensions.commander.language.commands import Goal, Home, Move, Undo, Wait
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.extensions.shared.units import of_rig
+from hybrid_sysid_ros.rigs.units import of_rig
 from hybrid_sysid_ros.runtime.set_points import SetPointRange
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

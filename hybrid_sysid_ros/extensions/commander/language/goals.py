@@ -9,7 +9,7 @@ from hybrid_sysid_ros.extensions.commander.language.clauses import Quantity
 from hybrid_sysid_ros.extensions.commander.language.commands import Goal
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.values import Values
-from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, PERCENT, TIME
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 BIT = 0.05

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, fold
 from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
 from hybrid_sysid_ros.extensions.commander.language.values import Values
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.extensions.shared.units import TIME
+from hybrid_sysid_ros.rigs.units import TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 SWUNG = ("amplitude", "peak_to_peak", "frequency", "period")

@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.parts import sentence_parts
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, PERCENT, TIME, Unit
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit
 from hybrid_sysid_ros.support.errors import UserError
 
 LITTLE, MORE, MUCH = 0.1, 0.2, 0.5

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.swings import SwingMeaning
 from hybrid_sysid_ros.extensions.commander.language.values import described
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, PERCENT, TIME
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 SPECIFIC = {"swing", "square", "toggle", "triangle", "chirp", "home", "undo"}

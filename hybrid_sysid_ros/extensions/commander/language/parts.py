@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
-from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, PERCENT, TIME
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 

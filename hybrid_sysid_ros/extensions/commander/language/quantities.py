@@ -9,7 +9,7 @@ from typing import NamedTuple
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
-from hybrid_sysid_ros.extensions.shared.units import Unit, named
+from hybrid_sysid_ros.rigs.units import Unit, named
 from hybrid_sysid_ros.support.errors import UserError
 
 SMALLEST, LARGEST = 1e-12, 1e12

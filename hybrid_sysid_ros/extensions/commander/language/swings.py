@@ -7,7 +7,7 @@ from dataclasses import replace
 from hybrid_sysid_ros.extensions.commander.language.clauses import ENDS, Quantity
 from hybrid_sysid_ros.extensions.commander.language.commands import Swing
 from hybrid_sysid_ros.extensions.commander.language.values import SHORTEST, Values
-from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, TIME
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 PERIODS = 10

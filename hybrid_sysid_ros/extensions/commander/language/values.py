@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.extensions.shared.units import COUNT, FREQUENCY, PERCENT, TIME, of_rig
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, of_rig
 from hybrid_sysid_ros.runtime.set_points import SetPointRange
 from hybrid_sysid_ros.support.errors import UserError
 

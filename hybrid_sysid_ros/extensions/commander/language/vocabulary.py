@@ -8,9 +8,9 @@ from functools import cached_property
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Lexicon, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
-from hybrid_sysid_ros.extensions.shared import units
-from hybrid_sysid_ros.extensions.shared.units import Unit
+from hybrid_sysid_ros.rigs import units
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.units import Unit
 from hybrid_sysid_ros.runtime.set_points import SetPointRange, set_point_ranges
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import refuse_unknown, section

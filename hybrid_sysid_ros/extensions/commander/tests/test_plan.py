@@ -13,8 +13,8 @@ from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan, needed
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, slips
-from hybrid_sysid_ros.extensions.shared import units
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs import units
 from hybrid_sysid_ros.support.errors import UserError
 
 BEAM = Vocabulary.of(rigs.load("cam_beam"))

@@ -11,7 +11,7 @@ from typing import Literal
 from xml.etree import ElementTree
 
 from hybrid_sysid_ros.extensions.export.c_source import number
-from hybrid_sysid_ros.extensions.shared import units
+from hybrid_sysid_ros.rigs import units
 
 BASE_UNITS = {
     "rad": {"rad": 1},

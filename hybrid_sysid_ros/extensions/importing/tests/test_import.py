@@ -12,8 +12,8 @@ import pytest
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.importing.log_file import unit_at_end, words_of
-from hybrid_sysid_ros.extensions.shared.units import Unit, named
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.units import Unit, named
 from tests.command_line import Answer, refused
 
 TIME = 0.01 * np.arange(400)

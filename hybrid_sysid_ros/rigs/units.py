@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
-from hybrid_sysid_ros.rigs.rig import PREFIXES
-
 TIME, FREQUENCY, COUNT, PERCENT = "s", "Hz", "times", "%"
 """Bases that are no output's."""
 LARGEST = 1e12
@@ -32,6 +30,7 @@ class Unit(NamedTuple):
         return (self.base, self.per) == (other.base, other.per)
 
 
+PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 PLAIN = Unit("1")
 SYMBOLS: Mapping[str, Unit] = {
     **{symbol: Unit(symbol) for symbol in ("rad", "m", "V", "A", "N", "K", "Pa", "W", "J", "N m", "1")},
@@ -83,7 +82,7 @@ def words() -> Mapping[str, Unit]:
     """All simple units by what people write; symbols have the case that they have in the SI."""
     found = dict(SYMBOLS)
     for symbol, unit in SYMBOLS.items():
-        if symbol not in ("1", "N m"):
+        if symbol != "1":
             found |= {prefix + symbol: unit._replace(factor=factor) for prefix, factor in PREFIXES.items()}
     for name, symbol in NAMES.items():
         for prefix, short in {"": "", **PREFIX_NAMES}.items():
@@ -105,6 +104,14 @@ def named(text: str) -> Unit | None:
             return None
         unit = unit._replace(per=unit.per + 1 + squared, factor=unit.factor / by.factor ** (1 + squared))
     return unit
+
+
+def factor_of(unit: str, other: str) -> float | None:
+    """How many of another unit one is; None where they don't measure the same, or nobody knows one of them."""
+    if unit == other:
+        return 1.0
+    one, by = named(unit), named(other or "1")
+    return one.factor / by.factor if one is not None and by is not None and one.alike(by) else None
 
 
 def of_rig(text: str) -> Unit:
