@@ -37,7 +37,7 @@ def command(
     period: Annotated[float, typer.Option(help="Sampling time [s] where no column has the times.", min=0.0)] = 0.0,
 ) -> None:
     """Write a rig's folder out of a record, for identification alone: signals, units, limits, the step of fits, and a
-    linear equation of second order for each output, which you may replace by the physics.
+    linear equation of low order for each output, which you may replace by the physics.
     """
     check_name(folder)
     log, given, units = open_joined(file, also or ()), pairs(column, "--column"), pairs(unit, "--unit")
