@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import torch
 
+from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Correction, Policy, policy_features
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
@@ -17,7 +18,7 @@ from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.policies.idle_states import without_idle
 from hybrid_sysid_ros.extensions.policies.mirror import mirror_of
-from hybrid_sysid_ros.extensions.policies.near_misses import chunks_of, misses, near_misses
+from hybrid_sysid_ros.extensions.policies.near_misses import cheaper_plans, chunks_of, misses, near_misses
 from hybrid_sysid_ros.extensions.policies.network import (
     beyond_bounds,
     descend,
@@ -104,7 +105,12 @@ def train(
             missed = misses(policy, data.samples, seed)
             if not len(missed):
                 break
-            work = partial(near_misses, model.system, taught, spread, missed, followed=settings.followed)
+            samples, mpc = data.samples, ExactMpc(model.system, taught)
+            near = samples.instances[missed]
+            plans = samples.plans.copy()
+            plans[missed] = cheaper_plans(mpc, policy, near, plans[missed])
+            parts = [replace(samples, plans=plans).arrays]
+            work = partial(near_misses, model.system, taught, spread, policy, near, followed=settings.followed)
             report = partial(progress, f"{name}: answers near misses")
             parts += run(work, _seeds(seed, number, chunks_of(data.samples)), progress=report)
             sampling += time.perf_counter() - started
