@@ -193,6 +193,8 @@ class ControllerAdapter:
         self.times = self.grid / SECOND
         self.validity = Slots(layout.validity)
         self.guard = Guard(guard_settings(settings, rig, model.system))
+        self.incomplete = False
+        """Whether the newest estimate is without a sensor."""
         self._span = np.array([actuator.high - actuator.low for actuator in rig.actuators])
         self._warm_up(self.rest)
 
@@ -229,6 +231,7 @@ class ControllerAdapter:
     def judge(self, joints: JointStates, elapsed: float) -> LoopState:
         """The level that the guard allows after an estimate, ``elapsed`` [s] after the one before."""
         *applied, doubt, without, turned = self.validity.read(joints.names, joints.lists)
+        self.incomplete = without > 0.0
         return self.guard.judge(doubt, without, turned, np.array(applied), self.state, elapsed)
 
     def at_rest(self) -> Array:

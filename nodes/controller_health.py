@@ -21,8 +21,8 @@ SOUND = {"solved", "iterated", "policy"}
 
 
 def unready(node: ControllerNode) -> list[str]:
-    """What is in the way of arming: whether estimates come, are numbers and beyond doubt, and whether what was loaded
-    is still what lies in its folder.
+    """What is in the way of arming: whether estimates come, are numbers, of all sensors and beyond doubt, and whether
+    what was loaded is still what lies in its folder.
     """
     found, heard = [], node.validators["state_estimate"].heard
     if not heard or monotonic_ns() - heard > node.settings["stale_seconds"] * SECOND:
@@ -31,6 +31,7 @@ def unready(node: ControllerNode) -> list[str]:
         found.append("the estimates are no numbers: look at the estimator's diagnostics")
     guard = node.adapter.guard
     found += [f"{guard.reason}: wait until it has settled"] if guard.level else []
+    found += ["a sensor shows nothing or is left out: look at the estimator's diagnostics"] * node.adapter.incomplete
     return [*found, *filter(None, [node.adapter.doubt]), *node.changed.values()]
 
 

@@ -141,7 +141,10 @@ def test_a_loop_that_is_not_armed_rests_until_its_checks_pass(
     with pytest.raises(UserError, match="contradict"):
         services["arm"]()
     for _ in range(100):
-        wheel.command(0.0)
+        wheel.command(0.0, sensors_left_out=1.0)
+    with pytest.raises(UserError, match="a sensor shows nothing or is left out"):
+        services["arm"]()
+    wheel.command(0.0)
     services["arm"]()
     assert wheel.command(0.0) > 0.0
     services["disarm"]()

@@ -41,6 +41,8 @@ from hybrid_sysid_ros.estimation.suspicion import LONGEST
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Array, Floats
 
+LARGEST_READING = 1e9
+"""No sensor shows more [SI]: it counts as no number, or one such reading would make all estimates so."""
 DIVERGED = 1.5
 """Evidence of an estimated input disturbance that is at its limit."""
 NEARLY = 0.999
@@ -104,12 +106,13 @@ def screen(
     sensors: Sequence[MonitoredSensor], detectors: Sequence[FrozenSensorDetector], ring: Floats, outputs: Floats,
     shown: Floats,
 ) -> bool:  # fmt: skip
-    """Take the readings of sensors that are frozen or left out from outputs (p,), in place; shown (p,): with those that
-    are left out. Whether a number remains.
+    """Take the readings that no sensor can give, and those of sensors that are frozen or left out, from outputs (p,),
+    in place; shown (p,): with those that are left out. Whether a number remains.
     """
     p, any_left = len(sensors), False
     for k in range(p):
-        if is_frozen(detectors[k], ring, k, len(ring) // p, outputs[k]):
+        frozen = is_frozen(detectors[k], ring, k, len(ring) // p, outputs[k])
+        if frozen or not abs(outputs[k]) < LARGEST_READING:
             outputs[k] = math.nan
         shown[k] = outputs[k]
         if sensors[k].left_out:

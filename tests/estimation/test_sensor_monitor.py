@@ -88,6 +88,14 @@ def test_one_wild_reading_is_no_evidence():
     assert found.left_out == [False, False]
 
 
+@pytest.mark.parametrize("reading", [math.inf, -math.inf, 1e308, -1e10])
+def test_a_reading_that_no_sensor_can_give_is_no_number(reading):
+    found, outputs = monitor(), [reading, 4.0]
+    assert screen(found.sensors, *frozen_detectors([0.0, 0.0], 0), outputs, [0.0, 0.0])
+    assert math.isnan(outputs[0])
+    assert outputs[1] == 4.0
+
+
 def test_a_sensor_that_contradicts_the_model_is_left_out_and_comes_back():
     found = monitor()
     judge(found, [100.0, 1.0], steps=20)
