@@ -78,6 +78,7 @@ class ModelEvaluation:
             **({"ahead": [item.content for item in self.ahead]} if self.ahead else {}),
             **({"bands": self.bands} if self.bands else {}),
             **({"doubt": vars(self.quality)} if self.quality.kind else {}),
+            **({"no_free_run": self.unstable} if self.unstable else {}),
             **({"judgement": self.judgement} if self.judgement else {}),
             "closed_loop": self.loop,
         }
