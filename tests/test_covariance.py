@@ -203,6 +203,17 @@ class Lag(System):
         return ((self.gain * u[0] + self.centre - x[0]) / 0.2,)
 
 
+@pytest.mark.parametrize("period", [0.045, 0.05])
+def test_a_motion_in_time_with_the_samples_is_no_hum(period):
+    """What an input moves at that frequency, a motion that begins with the record, and a drift are motions."""
+    time, noise = np.arange(8001) * 0.001, 1e-4 * np.random.default_rng(2).normal(size=8001)
+    driven, square = np.sin(2 * np.pi * time / period + 1.0), np.sign(np.sin(2 * np.pi * time + 1e-9))
+    for inputs in (np.sin(time) + driven, square, 0.0 * time + square[::-1]):
+        outputs = lfilter([1 - np.exp(-0.02)], [1, -np.exp(-0.02)], inputs) + 0.1 * time + noise
+        record = record_of(inputs[:, None], outputs[:, None], 0.001)
+        assert abs(resample(record, Sampling(step=0.001, period=period)).alias[0]) < 1e-5
+
+
 def test_a_fit_follows_what_is_below_an_aliased_hum():
     """The offset is known from the samples between: a place of rest is not moved by it."""
     steps, noise = np.repeat(np.random.default_rng(0).uniform(-1, 1, 20), 1000), np.random.default_rng(1)

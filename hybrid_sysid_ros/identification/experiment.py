@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.signal import detrend, savgol_coeffs, savgol_filter
 from scipy.stats import kurtosis
 
 from hybrid_sysid_ros.bags.record import Record
@@ -27,6 +26,10 @@ RESTS, HIGH, POWER, JUMPS = 0.1, 0.8, 0.01, 6.0
 """Of a band-limited input: most samples that equal the one before, share of the Nyquist frequency above which it has
 less than a share of its power, and most excess kurtosis of its changes, which is that of jumps.
 """
+LINE, BESIDE = 20.0, (3, 13)
+"""Power of a line, in the median of those so many lines beside it, which noise has in one of a million."""
+RESONANT = 4.0
+"""Most of the power of an output's line that an input's line explains, in what the whole input's power would."""
 LEAST_NOISE = 1e-4
 """In the output's deviation."""
 
@@ -48,7 +51,7 @@ class ResampledRecord:
     measured: NDArray[np.bool_] | None
     """Which samples were measured, (samples,); None for all."""
     alias: Array
-    """Mean of the outputs over the scored samples less that over all around them, (outputs,)."""
+    """Offset of the outputs at the scored samples by a hum whose periods fit in between, (outputs,)."""
     noise: Array
     """Noise of the outputs, rms about a smooth curve, (outputs,)."""
     rate_noise: Array
@@ -137,7 +140,7 @@ def resample(record: Record, sampling: Sampling) -> ResampledRecord:
         means=np.concatenate([means, means[-1:]]),
         measured=None if record.measured is None else record.measured[::every][:samples],
         bends=bends,
-        alias=_alias(record.output[: used + 1], every),
+        alias=_alias(record.output[: used + 1], record.input[: used + 1], every),
         noise=noise,
         rate_noise=_rate_noise(record, sampling.period, found, noise),
     )
@@ -209,14 +212,36 @@ def noise_of(record: Record, period: float = SMOOTHING_SECONDS) -> Array:
     return np.asarray(np.maximum(np.sqrt(np.mean(left**2, axis=0) / share), np.maximum(least, 1e-12)))
 
 
-def _alias(output: Array, every: int) -> Array:
-    """Mean of outputs (samples, outputs) at each ``every``-th sample less that of the means around these."""
-    if every == 1:
-        return np.zeros(output.shape[1])
-    sides = [uniform_filter1d(output, every, axis=0, mode="nearest", origin=origin) for origin in (0, every % 2 - 1)]
-    around = 0.5 * (sides[0] + sides[1])  # about the sample, if the number is even, too: or a motion passes for a hum
-    inside = slice(every, -every, every)
-    return np.asarray(np.mean(output[inside] - around[inside], axis=0))
+def _alias(output: Array, inputs: Array, every: int) -> Array:
+    """What a hum whose periods fit into ``every`` samples adds to outputs (samples, outputs) at each of these.
+
+    It is the sum of the harmonics of the scored samples that are lines: LINE times above what is beside them in a
+    spectrum by Hann's window, and that no line of an input (samples, inputs) explains, be it of a motion in time with
+    the samples or of pulses. A feedback hands a hum on to the input, too, but that line is too small to explain it.
+    """
+    samples, found = len(output), np.zeros(output.shape[1])
+    apart = samples / every  # of the harmonics, in lines of the spectrum
+    if apart < 2 * BESIDE[1]:
+        return found
+    beside = np.concatenate([np.arange(*BESIDE), -np.arange(*BESIDE)])
+    level = detrend(output, axis=0)
+    powers = [_powers(level), _powers(detrend(inputs, axis=0))]
+    moves = np.var(level, axis=0) / np.maximum(np.var(inputs, axis=0)[:, None], 1e-300)  # (inputs, outputs)
+    for k in range(1, every // 2 + 1):
+        at = min(round(k * apart), len(powers[0]) - 1)
+        near = (at + beside)[at + beside < len(powers[0])]
+        line, driven = (power[at] > LINE * np.median(power[near], axis=0) for power in powers)
+        line &= ~(driven[:, None] & (powers[0][at] < RESONANT * moves * powers[1][at][:, None])).any(axis=0)
+        if line.any():
+            turn = np.exp(-2j * np.pi * k / every * np.arange(samples))
+            share = 1.0 if 2 * k == every else 2.0
+            found += np.where(line, share * np.mean(level * turn[:, None], axis=0).real, 0.0)
+    return found
+
+
+def _powers(values: Array) -> Array:
+    """Powers of the lines of a spectrum by Hann's window, (lines, columns)."""
+    return np.asarray(np.abs(np.fft.rfft(np.hanning(len(values) + 1)[:-1, None] * values, axis=0)) ** 2)
 
 
 def _rate_noise(record: Record, period: float, found: Array, noise: Array) -> Array:

@@ -79,7 +79,7 @@ def mpc(
     given = {name: value for name, value in further.items() if value is not None}
     problem = mpc_problem(values, described, system, further=given, covariance=covariance)
     words = {word for term in problem.terms for word in re.findall(r"[^\W\d]\w*", term.value)}
-    if idle := [name for name, _ in problem.stage_parameters if name not in words]:
+    if idle := [name for name in stage if name not in words]:
         raise UserError(f"stage_parameters names {idle[0]!r}, which no term has: use it in a formula, or leave it out")
     if solver == "exact":
         return wrap_for_rig(described, system, ExactMpc(system, problem, real_time=values["real_time"]))

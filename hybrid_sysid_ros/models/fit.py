@@ -32,9 +32,7 @@ class PreparedRecord:
     noise: Array | None = None
     """Noise of each output, rms as the record shows it, (outputs,); None where it is not known."""
     alias: Array | None = None
-    """Mean of each output over the scored samples less that over all samples around them, (outputs,): that of a hum
-    whose periods fit into the scored period.
-    """
+    """Offset of each output at the scored samples by a hum whose periods fit in between, (outputs,)."""
     lag: Array | None = None
     """Age of the readings of each output [s], (outputs,), by its sensor's delay and window, which no model knows."""
     windows: Array | None = None
