@@ -257,8 +257,8 @@ def in_threads(
     memory: Callable[[], HorizonMemory],
     threads: int,
 ) -> Iterator[Any]:
-    """Results of work in their order, each made with the memory of a thread. threads: 0 for one per core,
-    which is also the most.
+    """Results of work in their order, each made with the memory of a thread. threads: 0 for one per core, which is also
+    the most. Raises UserError for what is no such number.
     """
     if not isinstance(threads, int) or threads < 0:
         raise UserError(f"threads is {threads!r}; give a whole number from 1 on, or 0 for one per core")

@@ -44,8 +44,7 @@ def wanders(inputs: Array, output: Array) -> bool:
 
 def answers(inputs: Array, output: Array, chance: float = ANSWER) -> bool:
     """Whether what is new in an output (samples,) correlates with what was new before in an input (samples, inputs),
-    its square, or a product of two, at any lag up to half of the record, beyond chance and beyond
-    what comes later.
+    its square, or a product of two, at any lag up to half of the record, beyond chance and beyond what comes later.
     """
     pairs = combinations_with_replacement(range(inputs.shape[1]), 2)
     causes = [*inputs.T, *(inputs[:, i] * inputs[:, k] for i, k in pairs)]
