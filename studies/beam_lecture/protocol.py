@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,9 +18,10 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status, typ
 from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.models import Sampling, structure_names
 from hybrid_sysid_ros.models.structure import complete, options_of, parse
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
+from hybrid_sysid_ros.support.files import beside, check_file, check_folder, write_text
 from hybrid_sysid_ros.support.progress import progress_bars
 from studies.beam_lecture import lecture
 from studies.beam_lecture.candidate import Candidate, CandidateStore
@@ -60,25 +62,78 @@ def command(
     """
     if number not in lecture.NUMBERS:
         raise UserError(f"protocol {number}: there are protocols 1 and 2, the lecture's, and 3, with the slow ramp")
-    if out is not None:
-        check_folder(out, marker="model.yaml")
-    for file, suffix in ((as_json, ".json"), (page, ".html")):
-        if file is not None:
-            check_file(file, suffix=suffix)
-    if page is not None:
-        report.check_available()
+    files = ResultFiles(as_json, page, out)
+    files.check()
     rig = load_rig(lecture.RIG)
     # The rig's further gray boxes are of the third protocol: the tables of the first two stay what they were.
     known = [*structure_names(), *rig.structures]
-    chosen = structure or (known if number == 3 else list(structure_names()))
+    structures = list(dict.fromkeys(structure or (known if number == 3 else list(structure_names()))))
     options = parse(option or [])
-    for name in chosen:
+    for name in structures:
         complete(options, options_of(name, rig.system, rig.structures), name)
-    sampling = Sampling(step=step, period=period, input=input_handling)
     protocol = lecture.arrange(lecture.read_folder(folder, slow=number == 3), number)
-    structures = list(dict.fromkeys(chosen))
-    place = out or as_json or page
-    store = None if place is None else CandidateStore(beside(place, ".fits"))
+    store = None if files.place is None else CandidateStore(beside(files.place, ".fits"))
+    sampling = Sampling(step=step, period=period, input=input_handling)
+    comparison = _compared(
+        protocol, rig, structures, store, sampling=sampling, options=options, seeds=range(seeds), jobs=jobs
+    )
+    if not any(candidate.models for candidate in comparison.candidates):
+        raise UserError(f"no structure could be fitted; the last one: {comparison.candidates[-1].error}")
+    print_table(table(protocol, comparison, input_handling))
+    if comparison.chosen:
+        console.print(f"chosen by training data only: {comparison.chosen} ({RULE})")
+    files.write(protocol, comparison, input_handling)
+    if comparison.missing:
+        raise typer.Exit(INTERRUPTED)
+    if store is not None and not any(candidate.error for candidate in comparison.candidates):
+        store.remove()
+
+
+@dataclass(frozen=True)
+class ResultFiles:
+    """Where results go; what is None is not written."""
+
+    as_json: Path | None
+    page: Path | None
+    model: Path | None
+
+    @property
+    def place(self) -> Path | None:
+        """Beside which finished fits are kept."""
+        return self.model or self.as_json or self.page
+
+    def check(self) -> None:
+        """Raise UserError for what may not be written, before anything is fitted."""
+        if self.model is not None:
+            check_folder(self.model, marker="model.yaml")
+        for file, suffix in ((self.as_json, ".json"), (self.page, ".html")):
+            if file is not None:
+                check_file(file, suffix=suffix)
+        if self.page is not None:
+            report.check_available()
+
+    def write(self, protocol: Protocol, comparison: Comparison, handling: str) -> None:
+        """Write what is asked for, and say where it is."""
+        if self.as_json is not None:
+            text = json.dumps(results(protocol, comparison, handling), indent=1)
+            write_text(self.as_json, text + "\n")
+            console.print(str(self.as_json))
+        if self.model is not None and comparison.chosen:
+            comparison.model().save(self.model)
+            console.print(f"{self.model}: {comparison.chosen}")
+        if self.page is not None:
+            with status.status("simulating for the page"):
+                write_page(self.page, protocol, comparison, handling)
+            console.print(str(self.page))
+
+
+def _compared(
+    protocol: Protocol, rig: Rig, structures: Sequence[str], store: CandidateStore | None, **settings: Any
+) -> Comparison:
+    """The comparison of structures, a line for each as it is finished; of an interrupted one, what there is of it.
+
+    settings: further arguments of :func:`~studies.beam_lecture.comparison.compare`.
+    """
     done: list[Candidate] = []
     try:
         with progress_bars(status) as update:
@@ -89,46 +144,23 @@ def command(
                 status.print(f"  {candidate.structure}: {described(candidate)}")
                 update("structures", len(done), len(structures))
 
-            comparison = compare(
+            return compare(
                 protocol.training,
                 protocol.tests,
                 rig,
                 structures,
-                sampling=sampling,
                 part=protocol.parts,
                 alike=protocol.alike,
-                options=options,
-                seeds=range(seeds),
-                jobs=jobs,
                 store=store,
                 report=tell_candidate,
+                **settings,
             )
     except KeyboardInterrupt:
         comparison = finished(done, structures)
         status.print(_interrupted(comparison, store))
         if not done:
             raise typer.Exit(INTERRUPTED) from None
-    if not any(candidate.models for candidate in comparison.candidates):
-        raise UserError(f"no structure could be fitted; the last one: {comparison.candidates[-1].error}")
-    print_table(table(protocol, comparison, input_handling))
-    if comparison.chosen:
-        console.print(f"chosen by training data only: {comparison.chosen} ({RULE})")
-    if as_json is not None:
-        with written_file(as_json) as partial:
-            text = json.dumps(results(protocol, comparison, input_handling), indent=1)
-            partial.write_text(text + "\n", encoding="utf-8")
-        console.print(str(as_json))
-    if out is not None and comparison.chosen:
-        comparison.model().save(out)
-        console.print(f"{out}: {comparison.chosen}")
-    if page is not None:
-        with status.status("simulating for the page"):
-            write_page(page, protocol, comparison, input_handling)
-        console.print(str(page))
-    if comparison.missing:
-        raise typer.Exit(INTERRUPTED)
-    if store is not None and not any(candidate.error for candidate in comparison.candidates):
-        store.remove()
+        return comparison
 
 
 def finished(candidates: Sequence[Candidate], structures: Sequence[str]) -> Comparison:
