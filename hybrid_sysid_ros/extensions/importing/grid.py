@@ -139,12 +139,7 @@ def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
     if near.any():
         period = float(steps[near].mean())
     whole = np.round(np.append(0.0, np.cumsum(np.maximum(np.round(steps / period), 1.0))))
-    middle = 0.5 * whole[-1]
-    fitted = (
-        float((whole - middle) @ (times - times.mean()) / ((whole - middle) @ (whole - middle))) if middle else period
-    )
-    origin = times.mean() - fitted * whole.mean()
-    away = np.abs(times - origin - fitted * whole)
+    fitted, away = _line(whole, times)
     even = bool(near.mean() > 0.5 and away.max() <= JITTER * fitted)
     if even:
         period, origin = _rounded(fitted, int(whole[-1]), float(away.max())), float(times[0])
@@ -182,6 +177,13 @@ def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
             f"({times[k]:.6g} s)"
         )
     return SampleGrid(period=period, times=grid, measured=measured, even=even)
+
+
+def _line(counts: Array, times: Array) -> tuple[float, Array]:
+    """The period of the line t = t_0 + period n through times at counts n of samples, and how far each is off it."""
+    centred = counts - counts.mean()
+    period = float(centred @ (times - times.mean()) / (centred @ centred))
+    return period, np.abs(times - times.mean() - period * centred)
 
 
 def _rounded(period: float, samples: int, away: float) -> float:

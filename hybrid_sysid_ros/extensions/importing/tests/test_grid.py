@@ -1,0 +1,37 @@
+"""Stamps of a log become the even times at which its device sampled, rows that are lost or not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
+
+PERIOD, ROWS = 0.01, 6000
+LOST = {
+    "none": [],
+    "one row": [100],
+    "twenty rows": list(range(100, 120)),
+    "a gap before the middle": list(range(2500, 3100)),
+    "rows here and there": np.random.default_rng(0).choice(np.arange(3000, 5990), 120, replace=False),
+}
+
+
+@pytest.mark.parametrize("lost", LOST.values(), ids=LOST)
+def test_exact_times_stay_where_rows_are_lost(lost):
+    kept = np.setdiff1d(np.arange(ROWS), np.asarray(lost, dtype=int))
+    grid = grid_of(clean_stamps(PERIOD * kept, "t"), "t")
+    assert grid.even
+    assert grid.period == PERIOD
+    np.testing.assert_allclose(grid.times, PERIOD * np.arange(ROWS), atol=1e-12)
+    np.testing.assert_array_equal(np.flatnonzero(grid.measured), kept)
+
+
+def test_jitter_that_is_no_clocks_moves_the_period_by_less_than_its_mean():
+    rng = np.random.default_rng(1)
+    kept = np.setdiff1d(np.arange(ROWS), np.arange(100, 700))
+    grid = grid_of(clean_stamps(PERIOD * kept + 1e-5 * rng.standard_normal(len(kept)), "t"), "t")
+    assert grid.even
+    # The variance of a line's slope is that of the jitter over the sum of squares about the mean.
+    deviation = 1e-5 / (np.std(kept) * np.sqrt(len(kept)))
+    assert abs(grid.period - PERIOD) < 4.0 * deviation + 1e-9
