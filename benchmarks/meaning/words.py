@@ -91,6 +91,8 @@ def outcome(example: Example) -> tuple[str, str]:
     words = vocabulary(example.rig)
     try:
         sentence = grammar.read(example.text, words)
+        if sentence.asks:
+            return "ask", ""
         if not sentence.is_stop:
             planned(sentence, words, example.rig)
     except UserError as refusal:
@@ -212,7 +214,7 @@ def judged(chosen: Sequence[Example]) -> dict[str, Any]:
         stop = right[0] in ("stop", "estop")
         sensible = "no" not in right and not stop
         hit = found != "no" and any(alike(found, each, words) for each in right if each != "no")
-        hit = hit or (found == "no" and "no" in right)
+        hit = hit or (found in ("no", "ask") and "no" in right)  # an answer moves nothing
         counts["sentences"] += 1
         counts["stops"] += stop
         counts["sensible"] += sensible

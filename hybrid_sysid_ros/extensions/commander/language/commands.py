@@ -149,6 +149,8 @@ class Sentence:
     stops: bool = False
     why: str = ""
     """Why a text that says more is a stop at once; "" where it asks for one."""
+    asks: bool = False
+    """Whether it is a question, which moves nothing."""
     emergency: bool = False
     """Whether the inputs rest at once and stay there until somebody resets and arms the controller."""
     condition: Condition | None = None

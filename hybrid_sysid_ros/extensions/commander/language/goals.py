@@ -35,7 +35,9 @@ class Goals(Values):
             self.left.remove(item)
             if sign and item.role == "" and found and not together:  # "raise height 100 m speed 10 m/s"
                 raise UserError(f"{item.text!r}: to that value, or by it, too? say 'then' and 'to' or 'by' before it")
-            found.append(self.goal(replace(item, role=item.role or "to") if together else item, sign))
+            item = replace(item, role=item.role or "to") if together else item
+            found += [self.goal(one, sign) for one in self.each(item)]
+        self.refuse_turning(found)
         found += self.shares(sign)
         if not found and sign and self.clause.bit:
             output = self.only(self.clause.targets, self.clause.bit)
@@ -46,7 +48,10 @@ class Goals(Values):
             output = self.only(self.clause.targets or speeds, self.clause.full_speed)
             found = [self.turned(Goal(output=output, value=self.vocabulary.outputs[output].high), sign)]
             self.clause.full_speed = ""
-        self.clause.directions, self.clause.sense = [], None
+        said, self.clause.directions, self.clause.sense = self.clause.directions, [], None
+        if not found and sign:
+            way = "up" if sign > 0.0 else "down"
+            raise UserError(f"{said[0].text!r} by how much? say '{way} a bit', or '{way} by 1 {self.example}'")
         if not found:
             raise UserError(f"{self.verb} to where? say for example '{self.verb} to 1 {self.example}'")
         if self.clause.bit and found:
@@ -56,6 +61,23 @@ class Goals(Values):
         if unused := [k for k in self.clause.targets if k not in {goal.output for goal in found}]:
             raise UserError(f"{self.vocabulary.outputs[unused[0]].name} to what? say a value of it")
         return tuple(found)
+
+    def each(self, item: Quantity) -> list[Quantity]:
+        """A value of each output that it is of: 0 may be of several, as in "both to 0"."""
+        several = item.output is None and item.value == 0.0 and len(self.clause.targets) > 1
+        return [replace(item, output=k) for k in self.clause.targets] if several else [item]
+
+    def refuse_turning(self, found: list[Goal]) -> None:
+        """Raise UserError for "reverse at 100 rpm"; a sign leaves no doubt."""
+        turning = [share for share in self.clause.shares if share.factor < 0.0]
+        if turning and found and found[0].value >= 0.0:
+            shown = self.vocabulary.outputs[found[0].output]
+            raise UserError(
+                f"{turning[0].text!r} at {found[0].value:.4g} {shown.unit}: backwards, or around from what it is now? "
+                f"say 'go to {-found[0].value:.4g} {shown.unit}' or 'go to {found[0].value:.4g} {shown.unit}'"
+            )
+        if found:
+            self.clause.shares = [share for share in self.clause.shares if share not in turning]
 
     def goal(self, item: Quantity, sign: float) -> Goal:
         output = self.output(item)

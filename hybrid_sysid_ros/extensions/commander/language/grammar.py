@@ -12,6 +12,7 @@ from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.matcher import clauses
 from hybrid_sysid_ros.extensions.commander.language.meanings import Meaning
+from hybrid_sysid_ros.extensions.commander.language.questions import is_question
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, says_more, stop_in
 from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
 from hybrid_sysid_ros.extensions.commander.language.values import Values
@@ -29,13 +30,15 @@ class DoubtfulTimeError(UserError):
 
 
 def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sentence:
-    """The commands of a sentence; files: those that it may follow. A text that says stop and is not understood is a
-    stop, and one that speaks of an emergency is one whatever else it says. Raises UserError for any other that is not
-    understood, in a line that says what to write instead, or that asks which of two readings is meant.
+    """The commands of a sentence, none of a question; files: those that it may follow. A text that says stop and is not
+    understood is a stop, and one that speaks of an emergency is one whatever else it says. Raises UserError for any
+    other that is not understood, in a line that says what to write instead, or asks which of two readings is meant.
     """
     said = stop_in(text)
     if said == EMERGENCY:
         return Sentence(text=text, commands=(), stops=True, emergency=True)
+    if is_question(text):
+        return Sentence(text=text, commands=(), asks=True)
     understood: list[Sentence] = []
     refusals: dict[str, UserError] = {}
     for language in LANGUAGES:
@@ -61,8 +64,9 @@ def _known(text: str, language: str, vocabulary: Vocabulary) -> tuple[int, int]:
 
 
 def _language(text: str, vocabulary: Vocabulary) -> str:
-    """That which knows most of a text's words."""
-    return max(LANGUAGES, key=lambda name: _known(text, name, vocabulary))
+    """That which knows most of a text's words, and the first where two know as many."""
+    first = text.split()[0] if text.split() else ""
+    return max(LANGUAGES, key=lambda name: (_known(text, name, vocabulary), _known(first, name, vocabulary)))
 
 
 def _foreign(refusal: UserError, text: str, vocabulary: Vocabulary) -> UserError:

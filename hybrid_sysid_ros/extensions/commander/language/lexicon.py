@@ -23,6 +23,7 @@ ROLES = {
     "within": "L", "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J",
     "here": "H", "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X",
     "highest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d", "as_fast": "g",
+    "no_faster": "t", "all": "l",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {
@@ -33,7 +34,7 @@ SHARES = {
     "half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "two_thirds": 2.0 / 3.0, "three_quarters": 0.75,
     "double": 2.0, "triple": 3.0,
 }  # fmt: skip
-CONDITION = ("once", "if", "until", "settled", "it_is", "reaches", "becomes", "above", "below")
+CONDITION = ("once", "if", "until", "settled", "it_is", "equals", "reaches", "becomes", "above", "below")
 """Parts of a condition, which mean nothing apart."""
 
 
@@ -67,6 +68,8 @@ class Lexicon:
         for category in VERBS:
             self._enter(found, category, (("V", category),))
         self._enter(found, "over_to", (("V", "go"), ("T", "to")))
+        self._enter(found, "step_through", (("V", "step"), ("T", "to")))
+        self._enter(found, "half_of_present", (("S", 0.5), ("N", "present")))
         self._enter(found, "level", (("n", "position"), ("V", "home")))
         self._enter(found, "back", (("y", "change"), ("V", "back")))
         for category in ("displace", "change"):
@@ -102,7 +105,7 @@ class Lexicon:
         """Phrases of conditions and of other words that are looked for in their place only."""
         return {
             category: frozenset(tuple(folded(phrase).split()) for phrase in self.table.get(category, ()))
-            for category in (*CONDITION, "articles", "point", "and_a_half", "object", "to")
+            for category in (*CONDITION, "articles", "point", "object", "to", "ask")
         }
 
     @cached_property
@@ -115,6 +118,11 @@ class Lexicon:
         """Half, a third ... by their phrases."""
         shares = {name: share for name, share in SHARES.items() if share < 1.0}
         return {tuple(text.split()): share for name, share in shares.items() for text in self.table[name]}
+
+    @cached_property
+    def parts_more(self) -> Mapping[tuple[str, ...], float]:
+        """What "and a half" adds, and its likes."""
+        return {tuple(text.split()): share for text, share in self.table["and_a_part"].items()}
 
     @cached_property
     def verbs_of_numbers(self) -> frozenset[tuple[str, ...]]:

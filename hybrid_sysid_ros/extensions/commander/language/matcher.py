@@ -10,6 +10,7 @@ from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Awaited
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.parts import sentence_parts
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
+from hybrid_sysid_ros.extensions.commander.language.shared_units import listed, share_units
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit
 from hybrid_sysid_ros.support.errors import UserError
@@ -20,10 +21,11 @@ LITTLE, MORE, MUCH = 0.1, 0.2, 0.5
 
 def clauses(found: Sequence[Symbol], vocabulary: Vocabulary) -> list[Clause]:
     """The clauses of a sentence. Raises UserError for what can't be read, in a line that says what to write instead."""
-    made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(found)]
+    made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(listed(found))]
     made = [clause for clause in made if not clause.empty]
     if not made:
         raise UserError("this asks for nothing: say for example 'go to', 'hold', 'swing between', 'home' or 'stop'")
+    share_units(made, vocabulary)
     if len(made) > MOST:
         raise UserError(f"{len(made)} parts: a command has {MOST} at most; for more, follow a file")
     return made
@@ -186,8 +188,16 @@ class _Matcher:
         self.output, self.noun, self.waiting = found.output, found.noun, True
         self.made.targets += [found.output] if found.output is not None else []
 
+    def _note_all(self, found: _Found) -> None:
+        """All outputs that have a range. Raises UserError where that is one."""
+        moving = [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
+        if len(moving) < 2:
+            raise UserError(f"{found.text!r} of one? commands steer {self.vocabulary.steered}: say its name")
+        self.made.targets += moving
+
     def _note_home_place(self, found: _Found) -> None:
         self.made.verbs.append(Symbol("V", "home", found.text))
+        self.made.targets += [found.output] if found.output is not None else []
 
     def _note_verb(self, found: _Found) -> None:
         self.made.verbs += [symbol for symbol in found.part if symbol.kind == "V"]
@@ -232,7 +242,7 @@ class _Matcher:
             raise UserError(f"{found.text!r}: a share is in %, or half, a third, a quarter, twice")
         role = {"T": "to", "Y": "by", "W": "at", "I": "by"}.get(found.letters[0], "")
         word = next((symbol.text for symbol in found.part if symbol.kind == "S"), "")
-        of = "now" if "N" in found.letters else "range" if set("Xx") & set(found.letters) else ""
+        of = "range" if set("Xx") & set(found.letters) else "now" if "N" in found.letters else ""
         self.made.shares.append(
             Share(factor=0.01 * value if factor is None else factor, role=role, text=found.text, of=of, word=word)
         )

@@ -43,9 +43,9 @@ class Meaning(Goals):
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
         if found == ["repeat"] and changed:  # "the same but slower", "at half the amplitude", "again at 1 Hz"
             found = ["go"]
-        for general in ("go", "step", "ramp", "back"):
-            if general in found and len(found) > 1 and set(found) & SPECIFIC:
-                found.remove(general)
+        general = {"go", "step", "ramp", "back", *(["follow"] if not clause.names else [])}  # "run a chirp"
+        if set(found) & SPECIFIC:
+            found = [verb for verb in found if verb not in general]
         if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
             found.remove("go")
         if found in (["go", "back"], ["back", "go"]):
@@ -153,12 +153,17 @@ class Meaning(Goals):
         return int(times)
 
     def home(self) -> commands.Command:
-        """All outputs; a name is allowed where it is of all."""
+        """All outputs; of some of them, or with a rate, it is a move to 0."""
+        moving = [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
+        targets = [] if set(moving) <= set(self.clause.targets) else self.clause.targets
+        if targets or any(any(map(item.unit.alike, self.rates)) for item in self.left if item.unit):
+            zero = Quantity(value=0.0, unit=None, role="to", text="0")
+            self.left += [replace(zero, output=k) for k in targets or moving]
+            return self.move("smooth")
+        self.clause.targets = []
         seconds, hold = self.seconds("in", "within"), self.seconds("for")
         if self.pace and seconds:
             raise UserError(f"{self.pace} and a time contradict one another: leave one out")
-        if {k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves} <= {*self.clause.targets}:
-            self.clause.targets = []
         return commands.Home(pace=self.pace, seconds=seconds, hold=hold or 0.0)
 
     def wait(self) -> commands.Command:
@@ -319,7 +324,7 @@ class Meaning(Goals):
                 self.left.append(replace(item, role="to"))
         seconds = self.seconds("in", "within")
         hold = self.seconds("for")
-        rate = self.take(lambda item: item.role == "at" and self.is_rate(item))
+        rate = self.take(lambda item: item.role in ("at", "no_faster") and self.is_rate(item))
         paces = [given for given in (self.pace, seconds and "a time", rate and "a rate") if given]
         if len(paces) > 1:
             raise UserError(f"{paces[0]} and {paces[1]} contradict one another: leave one out")

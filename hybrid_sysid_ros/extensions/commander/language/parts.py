@@ -26,7 +26,7 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
                 "repeat what follows, or what was carried out before? say 'repeat' alone, or the parts twice"
             )
         ended = _is_wait(made[-1]) and following in tuple("UQTKO")
-        ended = ended or (following == "V" and _is_level(next(iter(made[-1]), None)))  # "60 rpm, wait 5 s, 50 rpm"
+        ended = ended or (following == "V" and is_level(next(iter(made[-1]), None)))  # "60 rpm, wait 5 s, 50 rpm"
         if symbol.kind == "," and ended:
             made.append([])
         elif _waits(made[-1], symbol, following):
@@ -47,7 +47,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
     if following in ("V", "y", ";"):
         return any(letter in "VUOKTMu" for letter in before)
     if re.search("Q$" if listed else "Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
-        return _is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
+        return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
 
 
@@ -57,7 +57,7 @@ def _is_wait(part: Sequence[Symbol]) -> bool:
     return said == ["wait"] and any(symbol.kind == "Q" for symbol in part)
 
 
-def _is_level(symbol: Symbol | None) -> bool:
+def is_level(symbol: Symbol | None) -> bool:
     """Whether a quantity is neither a time nor a frequency, a count or a share."""
     unit = symbol.value[1] if symbol and symbol.kind == "Q" else None
     return unit is not None and unit.base not in (TIME, FREQUENCY, COUNT, PERCENT)

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 POINTS = 2000
 """Of a plan, at most: a message of them has some 100 KB."""
-LONGEST = 120.0
+LONGEST = 600.0
 """Seconds of a plan, at most: all of it is simulated before."""
 IN_PERIOD, LEAST_IN_PERIOD = 48, 12
 """Points of a swing's period, at least where there are many."""

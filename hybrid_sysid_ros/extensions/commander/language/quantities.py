@@ -9,13 +9,15 @@ from typing import NamedTuple
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
-from hybrid_sysid_ros.rigs.units import Unit, named
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, Unit, named
 from hybrid_sysid_ros.support.errors import UserError
 
 SMALLEST, LARGEST = 1e-12, 1e12
 """Of a number but 0: beyond lies nothing that a rig reaches, and arithmetic ends."""
 THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
 """1.500 means 1500 where decimals have a comma, and 1,500 where they have a point."""
+GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+")
+"""1.500,5 and 1,500.5 leave no doubt."""
 
 
 class Token(NamedTuple):
@@ -70,20 +72,28 @@ class QuantityReader:
         else:
             self.at = start
             return None
-        if count := self.longest(self.lexicon.parts["and_a_half"]):
-            value, self.at = value + math.copysign(0.5, value), self.at + count
-        value *= sign or 1.0
+        value = self.with_part(value) * (sign or 1.0)
         if not math.isfinite(value):
             raise UserError("a number without end: give one within the rig's limits")
         if value and not SMALLEST <= abs(value) <= LARGEST:
             raise UserError(f"{value:g} is nothing that a rig reaches: give a number from {SMALLEST:g} to {LARGEST:g}")
         unit = self.unit_here()
-        if unit is not None and (count := self.longest(self.lexicon.parts["and_a_half"])):
-            value, self.at = value + math.copysign(0.5, value), self.at + count
+        if unit is not None:
+            value = self.with_part(value)
         return Symbol("Q", (value, unit), " ".join(token.text for token in self.tokens[start : self.at]))
+
+    def with_part(self, value: float) -> float:
+        """With the half of "and a half", which is taken."""
+        count = self.longest(self.lexicon.parts_more)
+        more = self.lexicon.parts_more.get(tuple(self.words[self.at : self.at + count]), 0.0)
+        self.at += count
+        return value + math.copysign(more, value)
 
     def digits(self, text: str) -> float:
         decimal = self.lexicon.table["decimal"]
+        if GROUPED.fullmatch(text):
+            *groups, last = re.split("[.,]", text)
+            return float(f"{''.join(groups)}.{last}")
         if decimal not in text and THOUSANDS.fullmatch(text):
             either = f"{re.sub('[.,]', decimal, text)} or {re.sub('[.,]', '', text)}"
             raise UserError(f"{text}: {either}? say one of the two (diga um dos dois)")
@@ -98,19 +108,19 @@ class QuantityReader:
         return bool(following) and (
             self.longest(self.lexicon.units, skip=1) > 0
             or tuple(following) in self.lexicon.parts["point"]
-            or self.longest(self.lexicon.parts["and_a_half"], skip=1) > 0
+            or self.longest(self.lexicon.parts_more, skip=1) > 0
             or (self.at + 1 < len(self.tokens) and self._unit_at(self.at + 1) is not None)
             or following[0] in ("hundred", "thousand")
         )
 
-    def _number_follows(self) -> bool:
-        k = self.at + 1
+    def _number_follows(self, skip: int = 1) -> bool:
+        k = self.at + skip
         if k >= len(self.tokens):
             return False
         spoken = {**self.lexicon.table["numbers"], **self.lexicon.table["signs"]}
         at, self.at = self.at, k
         share, self.at = self.share_of_a_unit(), at
-        if share or self.longest(self._spelled(), skip=1):  # "half a metre", "a hundred"
+        if share or self.longest(self._spelled(), skip=skip):  # "half a metre", "a hundred"
             return True
         return self.tokens[k].kind == "number" or self.words[k] in spoken or self._point_here(k)
 
@@ -236,7 +246,14 @@ class QuantityReader:
         if symbol is None and below:
             candidates = meant(folded(first), frozenset(word for (word, *_) in self.lexicon.units))
             symbol = self.lexicon.units.get((candidates[0],)) if len(candidates) == 1 else None
-        return named("/".join([symbol or first, *below]))
+        found = named("/".join([symbol or first, *below])) or self._small(text)
+        often = found is not None and (found.base, found.per) == (COUNT, 1)  # "30 cycles per minute"
+        return Unit(FREQUENCY, 0, found.factor) if found is not None and often else found
+
+    def _small(self, text: str) -> Unit | None:
+        """The unit of an output behind its prefix, where all is in small letters: "mv"."""
+        own = {output.unit for output in self.vocabulary.outputs if output.unit.lower() == text[1:]}
+        return named(text[0] + own.pop()) if len(own) == 1 else None
 
     def known_unit(self, symbol: str) -> Unit:
         unit = named(symbol)

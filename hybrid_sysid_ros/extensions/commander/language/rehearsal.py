@@ -9,6 +9,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply, RigState
 from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator, Start
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
+from hybrid_sysid_ros.extensions.commander.language.questions import answered, is_question
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import shipped
@@ -45,6 +46,8 @@ class Rehearsal(CommandInterface):
 
     def check_from(self, text: str, start: Start | None = None, reference: Array | None = None) -> Reply:
         """The same from a state, with references (outputs,) as they are shown; by default from rest."""
+        if is_question(text):
+            return Reply(text=text, accepted=True, line=answered(self.state(), self._interpreter.vocabulary.rig))
         with self._simulating:
             return self._interpreter.rehearse(text, start, reference)
 

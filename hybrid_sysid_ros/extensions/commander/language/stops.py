@@ -98,16 +98,16 @@ def _any(phrases: Iterable[str]) -> str:
 def _patterns() -> _Patterns:
     """Those of the table."""
     table = read_mapping(Path(__file__).parent / "words" / "stops.yaml")
-    emergency, anywhere, motionless, edge, alone = (
+    emergency, cry, anywhere, motionless, edge, alone = (
         _any([words for language in table[kind].values() for words in language])
-        for kind in ("emergency", "anywhere", "motionless", "edge", "alone")
+        for kind in ("emergency", "cry", "anywhere", "motionless", "edge", "alone")
     )
     stop = rf"(?<= )(?:{anywhere}|{motionless})|(?:^ |\| ){edge}|(?<= ){edge}(?:$|\|)|^ (?:\| )*(?:{alone}(?:\| )*)+$"
     unless = {kind: _any(words) for kind, words in table["unless"].items()}
     before, whole = rf"{unless['before']}(?:{unless['between']})?", unless["whole"]
     not_stop = rf"(?<= )(?:{before}(?:{anywhere}|{edge})|(?:no|nao) {unless['with_no']}|{whole})"
     return _Patterns(
-        emergency=re.compile(rf"(?<= ){emergency}"),
+        emergency=re.compile(rf"(?<= ){emergency}|(?:^ |\| ){cry}+(?=$|\|)"),
         stop=re.compile(stop),
         not_stop=re.compile(not_stop),
         not_emergency=re.compile(

@@ -10,8 +10,10 @@ from hybrid_sysid_ros.extensions.commander.language.values import SHORTEST, Valu
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
+SIZES = ("amplitude", "peak_to_peak")
 PERIODS = 10
-"""Of a swing that nobody says a length of."""
+"""Of a swing that nobody says a length of, or as many as fit into MOST_SECONDS."""
+MOST_SECONDS = 500.0
 CHIRP_SECONDS = 20.0
 """Of a chirp that nobody says a length of."""
 SHAPES = {
@@ -47,7 +49,7 @@ class SwingMeaning:
                 raise UserError("a chirp has no count: say for how many seconds")
             length = CHIRP_SECONDS if seconds is None else seconds
         else:
-            periods = PERIODS if count is None else count.value
+            periods = max(1, min(PERIODS, int(MOST_SECONDS * first))) if count is None else count.value
             length = periods / first if seconds is None else seconds
         if length < SHORTEST:
             raise UserError(f"{length:.3g} s are no swing: give {SHORTEST:g} s or more")
@@ -107,6 +109,8 @@ class SwingMeaning:
         """Between which values of which output, and whether they count from where it is."""
         values = self.values
         ends = [item for item in values.left if item.role in (*ENDS, "from", "to") and item.kind != "amplitude"]
+        bare = [item for item in values.left if item.role == "" and self.is_span(item) and item.kind not in SIZES]
+        ends = bare if not ends and len(bare) == 2 else ends  # "square wave, 0 and 3 V"
         centre, span = values.one("around"), None
         if not ends:
             span = values.take(self.is_span)
@@ -123,7 +127,7 @@ class SwingMeaning:
         return values.value(first, output), values.value(last, output), output, False
 
     def is_span(self, item: Quantity) -> bool:
-        return item.kind in ("amplitude", "peak_to_peak") or (
+        return item.kind in SIZES or (
             item.role in ("by", "plus_minus", "at", "") and item.base not in (TIME, FREQUENCY, COUNT)
         )
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 LONGEST = 300  # characters of a sentence
 TOKEN = re.compile(
     r"""\s*(?:
-      (?P<number>[+-]?(?:\d+(?:[.,]\d+)?|(?<!\w)[.,]\d+)(?:[eE][+-]?\d+)?(?![\w.]*\d))
+      (?P<number>[+-]?(?:\d{1,3}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+|\d+(?:[.,]\d+)?|(?<!\w)[.,]\d+)(?:[eE][+-]?\d+)?(?![\w.]*\d))
     | (?P<sign>\+/?-|±)
     | (?P<path>"[^"]{1,200}"|'[^']{1,200}'|[\w~-][\w./~-]*\.(?i:csv|txt|jpe?g|png)\b)
     | (?P<unit>(?:%|°C?)(?:/(?:s|min)(?:\^2)?)?|[^\W\d_]+(?:/(?:s|min|h|sec|second)(?:\^2|²)?\b))
@@ -258,11 +258,13 @@ class _Reader(QuantityReader):
         count, named, event = self._subject(begin)
         settled = 0 if when == "if" else self.longest(parts["settled"], skip=count)
         (at_once, side), (later, other) = self._relation(begin), self._relation(count, event=event)
+        equals = count > begin and self.longest(parts["equals"], skip=count - 1) == 1  # "when it is 2 V"
+        equals = equals and not (at_once or later) and self._number_follows(count)
         if settled and count + settled >= max(begin + at_once, count + later):
             self.at += count + settled
             self.found.append(Symbol("Z", (when, 0.0), f"{start} it is still"))
             return True
-        if at_once or later:
+        if at_once or later or equals:
             self.at += begin + at_once if at_once else count + later
             side = side if at_once else other
             when = "once" if when == "if" and (event or not side) else when

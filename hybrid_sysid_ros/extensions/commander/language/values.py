@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, of_rig
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, of_rig
 from hybrid_sysid_ros.runtime.set_points import SetPointRange
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -62,13 +62,18 @@ class Values:
             raise UserError(f"{delay.text if delay else 'this'!r} is no time: say for example 'in 5 s'")
         return self.time(delay)
 
+    @property
+    def rates(self) -> list[Unit]:
+        """Of all units in which outputs may be given."""
+        return [unit.rate for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
+
     def is_rate(self, item: Quantity) -> bool:
         """Whether a quantity is some output's unit a second, beside a goal of that output."""
         if item.unit is None or item.unit.base in (TIME, FREQUENCY, COUNT):
             return False
         goals = [each for each in self.left if each is not item and each.role in ("", "to", "by")] or self.clause.shares
         units = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
-        if not goals or not any(item.unit.alike(unit.rate) for unit in units):
+        if not goals or not any(map(item.unit.alike, self.rates)):
             return False
         if any(item.unit.alike(unit) for unit in units):
             raise UserError(
@@ -101,7 +106,13 @@ class Values:
             if relative:
                 return 0.01 * item.value * 0.5 * (shown.high - shown.low)
             return 0.01 * abs(item.value) * (shown.low if item.value < 0.0 else shown.high)
-        return self.shown(item, shown)
+        return self.shown(item, shown) if relative else self.counted(self.shown(item, shown), shown)
+
+    def counted(self, value: float, output: SetPointRange) -> float:
+        """A value from the operating point: one that is in reach only in all counts in all."""
+        rest = self.vocabulary.rig.system.operating_point.get(output.name, 0.0) / output.scale
+        in_all = not output.low <= value <= output.high and output.low <= value - rest <= output.high
+        return value - rest if in_all else value
 
     def refuse_rate(self, item: Quantity, output: int) -> None:
         """Raise UserError for a rate where a value is asked for."""

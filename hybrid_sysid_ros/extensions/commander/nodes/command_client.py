@@ -44,7 +44,7 @@ SILENCE = 1.0  # s, after which another publisher is heard
 LIVE = 2.0  # s, within which a running loop publishes estimates
 NODES = ("controller", "estimator", "commander")
 """Whose parameters a preview takes."""
-FINAL = ("refused", "waits", "begins", "stopped")
+FINAL = ("refused", "waits", "begins", "answered", "stopped")
 """States of replies that answer a command."""
 
 
@@ -170,18 +170,7 @@ class CommandClient(CommandInterface):
 
     def state(self) -> RigState:
         self._look()
-        tracked = [item for item, one in zip(self._rig.system.outputs, self._monitor.tracked, strict=True) if one]
-        units = {item.name: shown.unit for item, shown in zip(self._rig.system.outputs, self._rig.display, strict=True)}
-        values = zip(self._rig.system.outputs, self._monitor.all_outputs().tolist(), strict=True)
-        wanted = zip(self._rig.system.outputs, self._monitor.reference().tolist(), strict=True)
-        named = zip(self._rig.system.inputs, self._monitor.commanded().tolist(), strict=True)
-        return RigState(
-            live=True,
-            outputs={f"{item.name} [{units[item.name]}]": value for item, value in values},
-            references={f"{item.name} [{units[item.name]}]": value for item, value in wanted if item in tracked},
-            inputs={f"{item.name} [{item.unit}]": value for item, value in named},
-            standstill=self._monitor.standstill,
-        )
+        return self._monitor.state()
 
     def stop(self) -> Reply:
         answer = self._ask(self._stop, Trigger.Request())

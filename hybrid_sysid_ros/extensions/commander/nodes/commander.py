@@ -18,6 +18,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Start
 from hybrid_sysid_ros.extensions.commander.language.grammar import read
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
+from hybrid_sysid_ros.extensions.commander.language.questions import answered
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.extensions.commander.nodes.command_replies import CommandReplies
@@ -130,6 +131,10 @@ class CommanderNode(PlanExecution):
         text, interpreter = sentence.text, self.interpreting.interpreter
         if sentence.is_stop:
             self.stop(text, emergency=sentence.emergency, because=sentence.because)
+            return
+        if sentence.asks:
+            self.monitor.look()
+            self.reply(text, "answered", answered(self.monitor.state(), self.rig), OK, {})
             return
         if interpreter is None:
             raise UserError(self.interpreting.missing)

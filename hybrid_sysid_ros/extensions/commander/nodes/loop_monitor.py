@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.commander.language.command_interface import RigState
 from hybrid_sysid_ros.extensions.commander.language.forecast import Start
 from hybrid_sysid_ros.extensions.commander.nodes.controller_report import ControllerReport
 from hybrid_sysid_ros.extensions.shared.nodes.collector import Collector
@@ -126,6 +127,21 @@ class LoopMonitor:
             raise UserError("the reference makes no sense: see the controller's diagnostics")
         found: Array = preview.at(np.array([self.stamp]))[0] / self.scales
         return found
+
+    def state(self) -> RigState:
+        """Where the rig is. Raises UserError where there is no estimate or no reference."""
+        names = [
+            f"{item.name} [{shown.unit}]" for item, shown in zip(self.rig.system.outputs, self.rig.display, strict=True)
+        ]
+        wanted = zip(names, self.reference().tolist(), self.tracked, strict=True)
+        given = zip(self.rig.system.inputs, self.commanded().tolist(), strict=True)
+        return RigState(
+            live=True,
+            outputs=dict(zip(names, self.all_outputs().tolist(), strict=True)),
+            references={name: value for name, value, tracked in wanted if tracked},
+            inputs={f"{item.name} [{item.unit}]": value for item, value in given},
+            standstill=self.standstill,
+        )
 
     def start(self, system: System) -> Start:
         """The state of a model (n,), the inputs, and their offsets. Raises UserError where they are no numbers, or the

@@ -57,7 +57,8 @@ LATCHING = """
     emergency | emergency stop | E-STOP | estop now | cut the power | kill it | pull the plug | emergência |
     parada de emergência | corta a energia | socorro | emergencia | corta la corriente | Not-Aus | NOTAUS |
     emer gency | Nothalt | Not-Halt | NOT-STOPP | zieh den Stecker | arrêt d'urgence | ARRET D URGENCE |
-    coupe le courant
+    coupe le courant | fire! | it is burning | fogo! | peligro | Feuer | es brennt | au feu | help! | help me |
+    me ajuda | ayuda | Hilfe! | aidez-moi
 """
 NEGATED = """
     don't cut the power | don't press the emergency stop | this is not an emergency | not emergency stop | not stop |
@@ -128,9 +129,17 @@ def test_a_stop_in_doubt_is_one_at_once_and_says_why(text: str, why: str) -> Non
     assert bool(why) == bool(sentence.because)
 
 
-@pytest.mark.parametrize("text", ["stop when the height reaches 33600 m", "when the speed reaches 4600 m/s stop"])
-def test_a_stop_at_a_value_in_all_of_what_counts_from_a_point_is_one_at_once(text: str) -> None:
-    """33 600 m is above the 50 km of `validity` where the vehicle counts from 33 528 m."""
-    sentence = grammar.read(text, Vocabulary.of(rigs.load("winged_cone")))
-    assert sentence.is_stop
-    assert "never reaches" in sentence.because
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("stop when the height reaches 33600 m", 72.0), ("when the speed reaches 4600.29 m/s stop", 10.0)],
+)
+def test_a_stop_at_a_value_in_all_waits_for_it(text: str, value: float) -> None:
+    """The vehicle counts from 33 528 m and 4590.29 m/s."""
+    condition = grammar.read(text, Vocabulary.of(rigs.load("winged_cone"))).condition
+    assert condition is not None
+    assert condition.value == pytest.approx(value)
+
+
+@pytest.mark.parametrize("text", ["help me go to 2 V", "with the help of the controller go to 2 V"])
+def test_help_in_a_sentence_is_no_cry(text: str) -> None:
+    assert stop_in(text) == ""

@@ -1,0 +1,74 @@
+"""Questions: texts that ask where the rig is, and the answer. They move nothing."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+
+from hybrid_sysid_ros.extensions.commander.language.command_interface import RigState
+from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Lexicon, lexicon
+from hybrid_sysid_ros.extensions.commander.language.stops import folded, stop_in
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.set_points import set_point_ranges
+
+ENDS = re.compile(r"[.,;:!?\n]|\bthen\b|\band\b|\bentao\b|\be\b")
+"""Of parts of a text, each of which may ask or order something."""
+ORDERS = frozenset("VUM;")
+"""Kinds of symbols by which a part that begins with no question orders something."""
+
+
+def is_question(text: str) -> bool:
+    """Whether a text asks something, in one of the languages, and orders nothing: a value or a verb beside a question
+    could be meant as a command, and a stop is one.
+    """
+    if stop_in(text):
+        return False
+    parts = [words for part in ENDS.split(folded(text)) if (words := re.findall(r"[^\W_]+", part))]
+    return any(_asks(parts, lexicon(language)) for language in LANGUAGES)
+
+
+def _asks(parts: list[list[str]], language: Lexicon) -> bool:
+    numbers = {*language.table["numbers"], *language.table["signs"]} - {"um", "uma", "one"}
+    if any(word in numbers or word[0].isdigit() for words in parts for word in words):
+        return False
+    asked = [_begins(words, language) for words in parts]
+    rest = [word for words, asks in zip(parts, asked, strict=True) if not asks for word in words]
+    return bool(asked) and asked[0] and not any(word in _orders(language) for word in rest)
+
+
+def _begins(words: list[str], language: Lexicon) -> bool:
+    """Whether a part begins with a question, politeness apart."""
+    polite = {phrase for phrase, meaning in language.meanings.items() if not meaning}
+    while words:
+        asks, count = language.longest(language.parts["ask"], words), language.longest(polite, words)
+        if asks:
+            return asks >= count
+        if not count:
+            return False
+        words = words[count:]
+    return False
+
+
+@cache
+def _orders(language: Lexicon) -> frozenset[str]:
+    """Words that order something."""
+    found = language.meanings.items()
+    return frozenset(
+        phrase[0] for phrase, meaning in found if len(phrase) == 1 and ORDERS & {kind for kind, _ in meaning}
+    )
+
+
+def answered(state: RigState, rig: Rig) -> str:
+    """Where a rig is, what is asked of it, and what may be."""
+    ranges = {f"{item.name} [{item.unit}]": item for item in set_point_ranges(rig)}
+    parts = []
+    for name, value in state.outputs.items():
+        shown = ranges[name]
+        rest = rig.system.operating_point.get(shown.name, 0.0) / shown.scale
+        said = f"{shown.name} {value:.4g} {shown.unit}" + (f" ({value + rest:.6g} {shown.unit} in all)" if rest else "")
+        if name in state.references:
+            said += f" of {state.references[name]:.4g} {shown.unit} asked, from {shown.low:.4g} to {shown.high:.4g}"
+        parts.append(said)
+    for (name, value), actuator in zip(state.inputs.items(), rig.actuators, strict=True):
+        parts.append(f"{name.split(' [')[0]} {value:.4g}, from {actuator.low:.4g} to {actuator.high:.4g}")
+    return "; ".join([*parts, *filter(None, [state.standstill]), "nothing moves by a question"])

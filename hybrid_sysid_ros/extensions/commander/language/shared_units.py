@@ -1,0 +1,72 @@
+"""Shared units: a number without one has that of the values beside it, where these leave no doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.parts import is_level
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs.units import Unit
+
+LEVELS = ("to", "by", "from", "around", "plus_minus", "between", "range", "span")
+"""Roles of values that are no times and no rates."""
+
+
+def listed(found: Sequence[Symbol]) -> list[Symbol]:
+    """Symbols in which the numbers of a list have the unit of its last one, as in "50, 100 and 150 rpm"."""
+    made, unit, joined = list(found), None, False
+    for k in range(len(made) - 1, -1, -1):
+        symbol = made[k]
+        if symbol.kind == "Q":
+            value, own = symbol.value
+            if own is None and unit is not None and joined:
+                made[k] = symbol._replace(value=(value, unit))
+            else:
+                unit, joined = own if is_level(symbol) else None, False
+        elif symbol.kind == "j":
+            joined = True
+        elif symbol.kind != ",":
+            unit, joined = None, False
+    return made
+
+
+def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
+    """Give values without a unit that of their own clause, or of the one before: "30 rpm, then 50"."""
+    last: Unit | None = None
+    for clause in clauses:
+        awaited = [clause.condition.value] if clause.condition is not None and clause.condition.value else []
+        said = [item for item in [*awaited, *clause.quantities] if _measures(item, vocabulary)]
+        last = said[-1].unit if said else last
+        rates = [unit for item in clause.quantities for unit in _of_rate(item, vocabulary)]
+        unit = last if said or not rates else rates[0]
+        clause.quantities = [
+            replace(item, unit=unit) if unit is not None and _lacks(item, clause, unit, vocabulary) else item
+            for item in clause.quantities
+        ]
+
+
+def _own(item: Quantity, vocabulary: Vocabulary) -> Sequence[Unit]:
+    """Units of the output that a value is of; none where that is not known."""
+    output = item.output if item.output is not None else vocabulary.tracked[0] if len(vocabulary.tracked) == 1 else None
+    return () if output is None else vocabulary.units_of(output)
+
+
+def _measures(item: Quantity, vocabulary: Vocabulary) -> bool:
+    """Whether a value has the unit of its output."""
+    return item.unit is not None and any(map(item.unit.alike, _own(item, vocabulary)))
+
+
+def _of_rate(item: Quantity, vocabulary: Vocabulary) -> Sequence[Unit]:
+    """The unit whose rate a value has, as in "to 15 at 1 rad/s per second"."""
+    return [unit for unit in _own(item, vocabulary) if unit.rate == item.unit]
+
+
+def _lacks(item: Quantity, clause: Clause, unit: Unit, vocabulary: Vocabulary) -> bool:
+    """Whether a value needs a unit, and this one measures its output. Of a pair one may stand for both."""
+    goes_on = item.role == "" and clause.then and not clause.verbs
+    paired = any(other.unit is not None and other.text == item.text for other in clause.quantities)
+    needs = item.unit is None and item.value != 0.0 and not item.kind and (item.role in LEVELS or goes_on)
+    return needs and not paired and any(map(unit.alike, _own(item, vocabulary)))
