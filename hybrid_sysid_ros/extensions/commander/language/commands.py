@@ -60,7 +60,9 @@ class Goal:
 
 @dataclass(frozen=True, kw_only=True)
 class Move(Command):
-    """Outputs go somewhere, and stay there for ``hold`` [s]. One of pace, seconds and rate at most is given."""
+    """Outputs go somewhere, and stay there for ``hold`` [s]. One of pace, seconds and rate at most is given, but for
+    "slowly", which the others have to be.
+    """
 
     goals: tuple[Goal, ...]
     shape: str
@@ -103,6 +105,8 @@ class Swing(Command):
     """Of a sine whose frequency grows or falls steadily to this one [Hz]."""
     relative: bool = False
     """The values count from where the output is meant to be then."""
+    pace: str = ""
+    """"slowly" where that was said, too."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -161,6 +161,10 @@ class Draft:
         """Seconds of a move, checked against what the rig reaches."""
         speed, acceleration = (PEAK_SPEED, PEAK_ACCELERATION) if smooth else (1.0, 0.0)
         moved = [k for k in np.flatnonzero(change).tolist() if self.outputs[k].moves]
+
+        def usual(share: float) -> float:
+            return max((self.least(k, change[k], speed, acceleration, share) for k in moved), default=0.0)
+
         if command.rate is not None:
             if command.rate <= 0.0:
                 raise UserError("a rate of 0 goes nowhere: give one above 0")
@@ -168,8 +172,9 @@ class Draft:
         elif command.seconds is not None:
             seconds = command.seconds
         else:
-            share = SHARES[command.pace]
-            seconds = max((self.least(k, change[k], speed, acceleration, share) for k in moved), default=0.0)
+            seconds = usual(SHARES[command.pace])
+        if command.pace == "slowly" and seconds < usual(SHARES[""]) * (1.0 - 1e-9):
+            raise UserError(f"{command.pace} and in {seconds:.3g} s contradict one another: leave one out")
         for k in moved:
             least = self.least(k, change[k], speed, acceleration, 1.0)
             if seconds < least * (1.0 - 1e-9):
@@ -195,8 +200,6 @@ class Draft:
                 raise UserError(f"{output.name} has no set-points in the rig's file: leave it out")
             about = self.vocabulary.rig.system.operating_point.get(output.name, 0.0) / output.scale
             counted = f", counted from {about:.6g} {output.unit}" if about else ""
-            if about and output.low <= value - about <= output.high:
-                counted += f"; {value:.6g} {output.unit} in all are {with_unit(value - about, output)} here"
             raise UserError(
                 f"{output.name} of {with_unit(value, output)}{self.as_it_travels([value], k)} is out of reach: stay "
                 f"within {output.low:.4g} and {output.high:.4g} {output.unit}"

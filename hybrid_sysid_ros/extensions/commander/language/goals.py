@@ -130,6 +130,8 @@ class Goals(Values):
     def shares(self, sign: float) -> list[Goal]:
         """Factors of the present value or of the range."""
         found = []
+        if self.clause.shares and self.clause.sense:
+            raise UserError(f"{self.clause.sense.text!r}: directions are up and down, or a sign: say 'to' a value")
         for share in self.clause.shares:
             output = self.only(self.clause.targets, share.text)
             shown = self.vocabulary.outputs[output]
@@ -155,6 +157,8 @@ class Goals(Values):
                 )
             if factor < 0.0 and output not in self.vocabulary.of_kind("speed"):
                 raise UserError(f"{share.text!r}: {shown.name} is no speed: say 'go to' where")
+            if sign and (factor < 0.0 or (share.role == "to" and (factor - 1.0) * sign < 0.0)):
+                raise UserError(f"{share.text!r} and that direction contradict one another: leave one out")
             found.append(Goal(output=output, value=factor, share=True))
         self.clause.shares = []
         return found

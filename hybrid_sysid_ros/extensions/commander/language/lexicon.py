@@ -93,7 +93,7 @@ class Lexicon:
         for reason, phrases in self.table["refuse"].items():
             for phrase in phrases:
                 words = tuple(folded(phrase).split())
-                found[words] = (("!", reason), *(each for each in found.get(words, ()) if each[0] in "VU"))
+                found[words] = (("!", reason), *(each for each in found.get(words, ()) if each[0] in "VUN"))
         return found
 
     def _enter(self, found: dict[tuple[str, ...], Any], category: str, meaning: Any) -> None:
@@ -127,8 +127,8 @@ class Lexicon:
     @cached_property
     def verbs_of_numbers(self) -> frozenset[tuple[str, ...]]:
         """Phrases of a verb that begin with a number."""
-        homes = (tuple(folded(phrase).split()) for phrase in self.table["home"])
-        return frozenset(words for words in homes if words[0] in self.table["numbers"])
+        said = (tuple(folded(phrase).split()) for kind in ("home", "repeat") for phrase in self.table[kind])
+        return frozenset(words for words in said if words[0] in {**self.table["numbers"], **self.table["signs"]})
 
     @cached_property
     def words(self) -> frozenset[str]:

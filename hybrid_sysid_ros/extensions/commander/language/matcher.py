@@ -10,7 +10,7 @@ from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Awaited
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.parts import sentence_parts
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
-from hybrid_sysid_ros.extensions.commander.language.shared_units import listed, share_units
+from hybrid_sysid_ros.extensions.commander.language.shared_units import share_units, with_units_of_lists
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit
 from hybrid_sysid_ros.support.errors import UserError
@@ -21,7 +21,7 @@ LITTLE, MORE, MUCH = 0.1, 0.2, 0.5
 
 def clauses(found: Sequence[Symbol], vocabulary: Vocabulary) -> list[Clause]:
     """The clauses of a sentence. Raises UserError for what can't be read, in a line that says what to write instead."""
-    made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(listed(found))]
+    made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(with_units_of_lists(found))]
     made = [clause for clause in made if not clause.empty]
     if not made:
         raise UserError("this asks for nothing: say for example 'go to', 'hold', 'swing between', 'home' or 'stop'")

@@ -43,7 +43,7 @@ class Meaning(Goals):
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
         if found == ["repeat"] and changed:  # "the same but slower", "at half the amplitude", "again at 1 Hz"
             found = ["go"]
-        general = {"go", "step", "ramp", "back", *(["follow"] if not clause.names else [])}  # "run a chirp"
+        general = {"go", "step", "ramp", "back", *([] if clause.names else ["follow"])}  # "run a chirp"
         if set(found) & SPECIFIC:
             found = [verb for verb in found if verb not in general]
         if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
@@ -270,8 +270,10 @@ class Meaning(Goals):
         ((factor, text), *more) = self.clause.comparatives
         if more or self.left or self.clause.shares:
             raise UserError(f"{text!r} by how much? say it alone, or a value alone, as in 'go to 1 {self.example}'")
-        targets, self.clause.comparatives = self.clause.targets or self.vocabulary.of_kind("speed"), []
-        self.clause.targets = []
+        speeds, targets = self.vocabulary.of_kind("speed"), self.clause.targets
+        if targets and targets != speeds:
+            raise UserError(f"{text!r} is of a speed, or of the last swing: say what of {self.vocabulary.steered}")
+        targets, self.clause.comparatives, self.clause.targets = speeds, [], []
         return commands.Adjust(noun="speed" if len(targets) == 1 else "frequency", value=factor, how="times")
 
     def adjust(self, noun: str) -> commands.Command:
@@ -325,11 +327,14 @@ class Meaning(Goals):
         seconds = self.seconds("in", "within")
         hold = self.seconds("for")
         rate = self.take(lambda item: item.role in ("at", "no_faster") and self.is_rate(item))
-        paces = [given for given in (self.pace, seconds and "a time", rate and "a rate") if given]
+        pace = "" if self.pace == "slowly" else self.pace  # which a time or a rate may be: the plan knows
+        paces = [given for given in (pace, seconds and "a time", rate and "a rate") if given]
         if len(paces) > 1:
             raise UserError(f"{paces[0]} and {paces[1]} contradict one another: leave one out")
-        if shape == "step" and paces and self.pace != "quickly":
-            raise UserError(f"a step takes no time, so {paces[0]} says nothing: say 'ramp to', or 'in 3 s step to'")
+        if shape == "step" and (paces or self.pace) and self.pace != "quickly":
+            raise UserError(
+                f"a step takes no time, so {self.pace or paces[0]} says nothing: say 'ramp to', or 'in 3 s step to'"
+            )
         shared = [item.unit for item in self.left if item.role == "to"]
         if begin is not None and begin.unit is None and shared:
             begin = replace(begin, unit=shared[0])

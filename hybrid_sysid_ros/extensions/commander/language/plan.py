@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Goal, Home, Move, Swing, Undo, Wait
-from hybrid_sysid_ros.extensions.commander.language.draft import JUMP, Draft, down, per_second, with_unit
+from hybrid_sysid_ros.extensions.commander.language.draft import JUMP, SHARES, Draft, down, per_second, with_unit
 from hybrid_sysid_ros.extensions.commander.language.files import columns
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan, needed
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
@@ -80,7 +80,7 @@ class _Plan(Draft):
         if command.shape == "square":
             self.square(k, first, last, command)
             return
-        self.check_swing(k, span, highest, command.shape)
+        self.check_swing(k, span, highest, command.shape, command.pace)
         count = len(self.story)
         self.move(Move(goals=(Goal(output=k, value=first),), shape="smooth"))
         del self.story[count:]
@@ -105,9 +105,11 @@ class _Plan(Draft):
             f"{with_unit(last, output)} at {hertz} for {command.seconds:.4g} s"
         )
 
-    def check_swing(self, k: int, span: float, frequency: float, shape: str) -> None:
+    def check_swing(self, k: int, span: float, frequency: float, shape: str, pace: str) -> None:
         """Raise UserError for a swing that asks for more speed or acceleration than the rig reaches."""
         speed, acceleration = math.pi * frequency * span, 2.0 * (math.pi * frequency) ** 2 * span
+        if pace and speed > SHARES[""] * self.ability.speed[k]:
+            raise UserError(f"{pace} and at {frequency:.4g} Hz contradict one another: leave one out")
         highest = min(
             self.ability.speed[k] / (math.pi * span), math.sqrt(self.ability.acceleration[k] / (2.0 * span)) / math.pi
         )

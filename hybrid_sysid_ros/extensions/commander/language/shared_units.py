@@ -15,7 +15,7 @@ LEVELS = ("to", "by", "from", "around", "plus_minus", "between", "range", "span"
 """Roles of values that are no times and no rates."""
 
 
-def listed(found: Sequence[Symbol]) -> list[Symbol]:
+def with_units_of_lists(found: Sequence[Symbol]) -> list[Symbol]:
     """Symbols in which the numbers of a list have the unit of its last one, as in "50, 100 and 150 rpm"."""
     made, unit, joined = list(found), None, False
     for k in range(len(made) - 1, -1, -1):

@@ -55,7 +55,7 @@ class SwingMeaning:
             raise UserError(f"{length:.3g} s are no swing: give {SHORTEST:g} s or more")
         return Swing(
             output=output, low=low, high=high, frequency=first, last_frequency=last, seconds=length, shape=self.shape,
-            relative=relative,
+            relative=relative, pace="slowly" if values.pace == "slowly" else "",
         )  # fmt: skip
 
     def frequencies(self) -> tuple[float, float | None]:
@@ -76,6 +76,8 @@ class SwingMeaning:
                 raise UserError("both frequencies are the same: say swing")
             return self.above_zero(first), self.above_zero(last)
         frequency = values.take(lambda item: item.base == FREQUENCY and item.kind in ("", "frequency"))
+        if frequency is None and (often := self.often()):
+            return often, None
         period = values.take(lambda item: item.kind == "period")
         every = values.seconds("every")
         if sum(given is not None for given in (frequency, period, every)) > 1:
@@ -95,6 +97,15 @@ class SwingMeaning:
             return 1.0 / ((2.0 if self.verb == "step" else 1.0) * every), None
         raise UserError(f"{self.verb} how often? say 'at 0.2 Hz' or 'every 5 s'")
 
+    def often(self) -> float:
+        """The frequency of "5 times in 20 s" [Hz], 0 where that was not said; the time is left."""
+        count = [item for item in self.values.left if item.base == COUNT]
+        within = [item for item in self.values.left if item.base == TIME and item.role == "in"]
+        if len(count) != 1 or len(within) != 1 or any(item.role == "every" or item.kind for item in self.values.left):
+            return 0.0
+        self.values.left.remove(count[0])
+        return self.above_zero(count[0].value / self.values.time(within[0]))
+
     def bases(self, item: Quantity) -> set[str]:
         """Of a quantity's unit, or of its pair's, which may stand for both."""
         paired = [each.base for each in self.values.left if each.text == item.text]
@@ -109,8 +120,10 @@ class SwingMeaning:
         """Between which values of which output, and whether they count from where it is."""
         values = self.values
         ends = [item for item in values.left if item.role in (*ENDS, "from", "to") and item.kind != "amplitude"]
-        bare = [item for item in values.left if item.role == "" and self.is_span(item) and item.kind not in SIZES]
-        ends = bare if not ends and len(bare) == 2 else ends  # "square wave, 0 and 3 V"
+        bare = [
+            item for item in values.left if item.role in ("", "at") and self.is_span(item) and item.kind not in SIZES
+        ]
+        ends = bare if not ends and len(bare) == 2 else ends  # "square wave, 0 and 3 m"
         centre, span = values.one("around"), None
         if not ends:
             span = values.take(self.is_span)

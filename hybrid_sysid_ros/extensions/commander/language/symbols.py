@@ -6,7 +6,7 @@ import re
 from collections.abc import Container, Iterator, Sequence
 from typing import Any
 
-from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
+from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Lexicon, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.quantities import QuantityReader, Token
 from hybrid_sysid_ros.extensions.commander.language.stops import folded, stop_in
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
@@ -19,7 +19,7 @@ TOKEN = re.compile(
     | (?P<sign>\+/?-|±)
     | (?P<path>"[^"]{1,200}"|'[^']{1,200}'|[\w~-][\w./~-]*\.(?i:csv|txt|jpe?g|png)\b)
     | (?P<unit>(?:%|°C?)(?:/(?:s|min)(?:\^2)?)?|[^\W\d_]+(?:/(?:s|min|h|sec|second)(?:\^2|²)?\b))
-    | (?P<word>[^\W\d_](?:[\w]|[-'](?=[^\W\d_]))*|&|=)
+    | (?P<word>[^\W\d_](?:[\w]|[-'](?=[^\W\d_]))*|&|=|@)
     | (?P<mark>[,;.!?:\n])
     )""",
     re.VERBOSE,
@@ -117,7 +117,8 @@ class _Reader(QuantityReader):
 
     def mended(self, k: int, word: str, known: frozenset[str], after_number: bool) -> str:
         """The known word that a slip stands for. Raises UserError where there is none, or there are several."""
-        candidates = () if stop_in(word) else meant(word, known)  # "release" is no slip of "reverse"
+        other = any(word in lexicon(name).words for name in LANGUAGES)
+        candidates = () if other or stop_in(word) else meant(word, known)  # "release" is no slip of "reverse"
         single = {**self.lexicon.meanings, **self.vocabulary.phrases}
         own = tuple(each for each in candidates if (each,) in single)
         units = tuple(each for each in candidates if (each,) in self.lexicon.units)
@@ -127,12 +128,14 @@ class _Reader(QuantityReader):
         a_number = any(each in self.lexicon.table["numbers"] for each in candidates)
         if len(meanings) == 1 and not refused and not a_number:
             return candidates[0]  # a number is asked for, not guessed: "even" is no seven
-        for place in range(len(self.words)):  # a negation says more than a word that nobody knows
+        place = 0
+        while place < len(self.words):  # a negation says more than a word that nobody knows
             count = self.lexicon.longest(self.lexicon.meanings, self.words[place:])
             said = tuple(self.words[place : place + count])
             for kind, reason in self.lexicon.meanings[said] if count else ():
                 if kind == "!":
                     raise UserError(f"{' '.join(said)!r}: {reason}")
+            place += max(1, count)
         if after_number and not candidates:
             raise UserError(f"no unit {self.tokens[k].text[:40]!r}: known are {self.listed_units()}, s, Hz, %")
         raise UnknownWordError(self.tokens[k].text, candidates)
@@ -204,7 +207,7 @@ class _Reader(QuantityReader):
         """
         gains = len(meanings) > 1 and self._verb_here() and self._number_follows()
         for kind, reason in meanings if not gains else ():
-            if kind == "!":
+            if kind == "!" and not (("N", "present") in meanings and self._noun(len(said.split()))[0]):
                 raise UserError(f"{said!r}: {reason}")
         for noun in [value for kind, value in meanings if kind == "n"]:
             if not self.vocabulary.of_kind(noun):
@@ -258,7 +261,7 @@ class _Reader(QuantityReader):
         count, named, event = self._subject(begin)
         settled = 0 if when == "if" else self.longest(parts["settled"], skip=count)
         (at_once, side), (later, other) = self._relation(begin), self._relation(count, event=event)
-        equals = count > begin and self.longest(parts["equals"], skip=count - 1) == 1  # "when it is 2 V"
+        equals = self.longest(parts["equals"], skip=count - 1) == 1  # "when it is 2 m"
         equals = equals and not (at_once or later) and self._number_follows(count)
         if settled and count + settled >= max(begin + at_once, count + later):
             self.at += count + settled

@@ -160,7 +160,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "swing between -2 and 2 V", Refused("often")),
     (BEAM, "go to 2 V in 3 s at 1 V/s", Refused("contradict")),
     (BEAM, "go to 2 V slowly quickly", Refused("contradict")),
-    (BEAM, "go to 2 V slowly in 1 s", Refused("contradict")),
+    (BEAM, "go to 2 V slowly in 0.05 s", Refused("contradict")),
     (BEAM, "swing between -1 and 1 V at 1 Hz every 5 s", Refused("contradict")),
     (BEAM, "swing between -1 and 1 V at 1 Hz for 5 s for 3 periods", Refused("contradict")),
     (BEAM, "go up and down by 2 V", Refused("often")),

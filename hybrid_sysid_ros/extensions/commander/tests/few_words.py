@@ -98,5 +98,17 @@ FEW_WORDS: list[tuple[str, str, Any]] = [
     (BEAM, "higher", Refused("by how much")),
     (BEAM, "where is it? go to 2 V", Refused("question")),
     (BEAM, "apply 2 V", Refused("commands ask for outputs")),
+    (BEAM, "hold on at 2 V", Refused("hold")),
+    (BEAM, "must it go to 2 V", Refused("question")),
+    (WHEEL, "half the speed backwards", Refused("backwards")),
+    (WHEEL, "raise to half the speed", Refused("contradict")),
+    (WHEEL, "reverse up", Refused("contradict")),
+    (CONE, "both slower", Refused("say what of")),
+    (BEAM, "swing slowly between -1 and 1 V at 0.5 Hz for 4 s", [swing(-1, 1, 0.5, 4)]),
+    (BEAM, "swing slowly between -8 and 8 V at 2 Hz", Refused("slowly and at 2 Hz contradict")),
+    (BEAM, "slowly, over 10 s, go to 2 V", [go(2, pace="slowly", seconds=10)]),
+    (WHEEL, "swing between 0 and 50 rpm 5 times in 20 s", [swing(0, 50, 0.25, 20)]),
+    (BEAM, "sine of 1 V with a 4 second period for 8 s", [swing(-1, 1, 0.25, 8)]),
+    (WHEEL, "top speed", [go(400)]),  # Portuguese has no "top" that "stop" would be a slip of
     (JOINT, "follow steps twice", [follow("steps"), follow("steps")]),
 ]
