@@ -227,7 +227,7 @@ class ControllerNode(RigNode):
             return None
         if self.adapter.followed.names and (parameters := self.entry.read(joints, self.adapter.followed)) is not None:
             self.adapter.adapt(parameters)
-        preview = self.reference(stamp, level, elapsed)
+        preview = self.reference(joints, level, elapsed)
         adapter, guard = self.adapter, self.adapter.guard
         plan = adapter.controller.control(adapter.state, adapter.disturbance, guard.turned(self.input), preview)
         layer = LAYERS[plan.status]
@@ -260,8 +260,9 @@ class ControllerNode(RigNode):
                 self.adapter.guard.come_back(self.home)
         return self.settled
 
-    def reference(self, stamp: int, level: LoopState, elapsed: float) -> Array:
+    def reference(self, joints: JointStates, level: LoopState, elapsed: float) -> Array:
         """Reference for the preview of an estimate (horizon, outputs), as the guard lets it pass."""
+        stamp = joints.stamp
         holding = self.operation.mode is ControllerMode.HOLD
         if not holding and self.preview is None:
             self.layers[NO_REFERENCE] += 1
@@ -275,8 +276,9 @@ class ControllerNode(RigNode):
         preview, guard = self.preview.at(ahead + self.adapter.grid), self.adapter.guard
         if level is LoopState.DRIVING and guard.is_free:
             return preview
-        now = self.preview.at(np.array([ahead]))[0]
-        return guard.reference(level, now, preview, self.adapter.times, elapsed)
+        now, found = self.preview.at(np.array([ahead]))[0], self.entry.read(joints, self.adapter.outputs)
+        outputs = np.full(len(now), math.nan) if found is None else np.array(found)
+        return guard.reference(level, now, outputs, preview, self.adapter.times, elapsed)
 
     def time(self) -> int:
         """Time that no clock can set [ns]; in lockstep that of the estimates."""

@@ -52,6 +52,9 @@ ASTRAY = 0.3
 diverged and would converge slowly."""
 SOUND = 3.0
 """Mean square of normalised innovations within which an estimate agrees with a sensor: 1 is expected."""
+PROBATION = 5.0
+"""Time [s] for which the second estimate must agree with a sensor that jumped and did not jump back, beside the others:
+one that drifted unseen is right after its jump, and one that is wrong will contradict the model in that time."""
 GAP = 3.5
 """Periods without a measurement, after which innovations say nothing against the sensors for a while."""
 
@@ -95,11 +98,12 @@ class EstimateWatch:
 @dataclass(slots=True)
 class SensorTrial:
     """A second estimate that tries all sensors while one is left out. enough: for how long it must agree with them [s].
-    agreed: for how long it has [s], NaN where it must begin anew.
+    agreed: for how long it has [s], NaN where it must begin anew. away: whether it has begun at one that jumped away.
     """
 
     enough: float
     agreed: float = math.nan
+    away: bool = False
 
 
 def screen(
@@ -148,13 +152,13 @@ def watch_estimate(
 
 
 def may_try(trial: SensorTrial, sensors: Sequence[MonitoredSensor], shown: Floats) -> bool:
-    """Whether a second estimate can use readings (p,): it waits for a sensor that jumped away, and for a first one."""
-    any_shown = False
+    """Whether a second estimate can use readings (p,): it waits for a first one, and begins anew at one that jumps."""
+    any_shown = away = False
     for k in range(len(sensors)):
-        if sensors[k].away:
-            trial.agreed = math.nan
-            return False
+        away = away or sensors[k].away
         any_shown = any_shown or math.isfinite(shown[k])
+    if away != trial.away:
+        trial.away, trial.agreed = away, math.nan
     return any_shown or not math.isnan(trial.agreed)
 
 
@@ -165,7 +169,7 @@ def agrees(
     """Judge an update of the second estimate; whether it has agreed with its sensors (p,) for long enough."""
     judge_sensors(monitor, sensors, shown, normalised, shown, elapsed)  # none of them is ever left out
     trial.agreed = math.nan if is_contradicted(sensors) else trial.agreed + elapsed
-    return trial.agreed > trial.enough
+    return trial.agreed > (PROBATION if trial.away else trial.enough)
 
 
 class MonitoredEstimator:
@@ -175,7 +179,8 @@ class MonitoredEstimator:
 
     While a sensor is left out, a second estimator of all sensors begins anew whenever they contradict it. It takes the
     place of the first one when it has agreed for AGREED seconds: so a sensor is tried without spoiling the estimate.
-    One that jumped must jump back before: an estimate that begins at it has nothing against a slow state that is wrong.
+    One that jumped must jump back before, or agree for PROBATION: an estimate that begins at it has nothing against a
+    slow state that is wrong.
 
     filter: the estimator. monitor: see :class:`~.sensor_monitor.SensorMonitor`. frozen: a detector for each output.
     shown: the readings of the newest measurement (p,), NaN where a sensor is frozen. outputs: those that were used.

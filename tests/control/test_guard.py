@@ -19,6 +19,7 @@ from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGo
 from hybrid_sysid_ros.control.safety.guard import Guard, GuardSettings
 from hybrid_sysid_ros.control.safety.guarding import RETURN
 from hybrid_sysid_ros.estimation.reversed_input import NONE
+from hybrid_sysid_ros.estimation.sensor_monitoring import MISSING
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST
 
 LADDER = Ladder(slowed=0.1, holding=0.2, resting=0.3)
@@ -123,6 +124,17 @@ def test_a_missing_sensor_slows_and_no_more():
     assert set(judge(guard(), 100, without=1.0)) == {LoopState.SLOWED}
 
 
+def test_a_sensor_that_shows_nothing_is_called_so_whether_the_others_tell_the_state_or_not():
+    for doubt, words in ((0.0, "a sensor is missing"), (MISSING, "a sensor is missing"), (9.0, "contradict the model")):
+        found = guard()
+        judge(found, 100, doubt=doubt, without=1.0)
+        assert words in found.reason
+    found = guard()
+    assert found.reason == ""
+    judge(found, 100, doubt=MISSING)
+    assert "contradict the model" in found.reason
+
+
 def test_who_is_told_only_to_tell_drives_on():
     found = guard(act=False)
     assert set(judge(found, 100, doubt=5.0)) == {LoopState.DRIVING}
@@ -221,13 +233,27 @@ def test_a_command_is_no_faster_than_its_actuator():
 
 def test_a_slowed_reference_moves_slowly_and_a_held_one_does_not():
     found, times = guard(), np.array([1.0])
-    now, preview = np.array([4.0]), np.array([[4.0]])
-    assert found.reference(LoopState.DRIVING, now, preview, times, STEP) is preview
-    found.reference(LoopState.SLOWED, np.array([0.0]), preview, times, STEP)
-    assert found.reference(LoopState.SLOWED, now, preview, times, 1.0) == pytest.approx(np.array([[2.0]]))
-    assert found.reference(LoopState.HOLDING, now, preview, times, 1.0) == pytest.approx(np.array([[1.0]]))
-    assert found.reference(LoopState.DRIVING, now, preview, times, 0.5) == pytest.approx(np.array([[4.0]]))
+    now, preview, where = np.array([4.0]), np.array([[4.0]]), np.array([1.0])
+    assert found.reference(LoopState.DRIVING, now, where, preview, times, STEP) is preview
+    found.reference(LoopState.SLOWED, np.array([0.0]), where, preview, times, STEP)
+    assert found.reference(LoopState.SLOWED, now, where, preview, times, 1.0) == pytest.approx(np.array([[2.0]]))
+    assert found.reference(LoopState.HOLDING, now, where, preview, times, 1.0) == pytest.approx(np.array([[1.0]]))
+    assert found.reference(LoopState.DRIVING, now, where, preview, times, 0.5) == pytest.approx(np.array([[4.0]]))
     assert found.memory.outputs[0].reference == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("where", "begin"), [(0.5, 0.5), (7.0, 7.0), (-7.0, -3.0), (math.nan, 4.0)])
+def test_a_loop_that_is_slowed_no_more_leads_the_reference_on_from_where_the_rig_is(where, begin):
+    """An estimate that was wrong shows only then that the rig has been led astray."""
+    found, times = guard(), np.array([1.0])
+    now, preview = np.array([4.0]), np.array([[4.0]])
+    found.reference(LoopState.SLOWED, now, now, preview, times, STEP)
+    found.reference(LoopState.DRIVING, now, np.array([where]), preview, times, 0.0)
+    assert found.memory.outputs[0].reference == begin
+    for k in range(10):
+        found.reference(LoopState.DRIVING, now, np.array([where]), preview, times, STEP)
+        least = max(abs(begin - 4.0) - 2.0 * STEP * (k + 1), 0.0)
+        assert abs(found.memory.outputs[0].reference - 4.0) == pytest.approx(least)
 
 
 def test_a_reference_begins_within_the_reach_of_set_points():

@@ -7,6 +7,7 @@ governors, Automatica. The kernels are Python, and are printed as C.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,9 +16,10 @@ from hybrid_sysid_ros.support.arrays import Floats
 
 @dataclass(slots=True)
 class ReferenceGovernor:
-    """free: it is not from :func:`lead_from` on, until it has met the reference."""
+    """free: it is not from :func:`lead_from` on, until it has met the reference. slow: whether the loop was slowed."""
 
     free: bool = True
+    slow: bool = False
 
 
 @dataclass(slots=True)
@@ -43,9 +45,10 @@ def come_back(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], be
     """Lead the reference on from here (p,), or from the nearest set-points. A rig that is beyond all of these has been
     driven there, and is brought back as fast as it may.
     """
-    lead_from(governor, outputs, begin)
+    governor.free = False
     for k in range(len(outputs)):
-        outputs[k].reference = min(max(begin[k], outputs[k].low), outputs[k].high)
+        if math.isfinite(begin[k]):
+            outputs[k].reference = min(max(begin[k], outputs[k].low), outputs[k].high)
 
 
 def follow_reference(

@@ -10,10 +10,9 @@ import numpy as np
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.controller import Controller
 from hybrid_sysid_ros.control.safety import guarding
-from hybrid_sysid_ros.control.safety.failsafe import NOTHING, Evidence, Failsafe, Ladder, LoopState
+from hybrid_sysid_ros.control.safety.failsafe import Evidence, Failsafe, Ladder, LoopState
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, come_back, lead_from
 from hybrid_sysid_ros.control.safety.guarding import GuardedInput, GuardMemory, GuardRecord, StateRange
-from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.support.arrays import Array
 
 REASONS = {
@@ -24,6 +23,8 @@ REASONS = {
 """Kinds of evidence, in words."""
 LEFT_OUT = "a sensor is missing or left out: it may show an actuator's fault"
 REVERSED = "an input acts reversed, and is sent with the other sign"
+CAUSES = (*REASONS.values(), LEFT_OUT, REVERSED)
+"""Words of a guard's causes."""
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
 
 
@@ -102,9 +103,9 @@ class Guard:
         own, old = self.memory, other.memory
         core, failsafe = old.core[0], old.failsafe[0]
         own.core[0].share, own.core[0].tried, own.core[0].row = core.share, core.tried, core.row
-        own.core[0].reversed = core.reversed
+        own.core[0].reversed, own.core[0].cause = core.reversed, core.cause
         own.failsafe[0].level, own.failsafe[0].cause = failsafe.level, failsafe.cause
-        own.governor[0].free = old.governor[0].free
+        own.governor[0].free, own.governor[0].slow = old.governor[0].free, old.governor[0].slow
         for output, before in zip(own.outputs, old.outputs, strict=True):
             output.reference = before.reference
         for item, last in zip(own.inputs, old.inputs, strict=True):
@@ -166,28 +167,25 @@ class Guard:
 
     @property
     def reason(self) -> str:
-        """Why the level is what it is, in words."""
-        cause, beyond = self.memory.failsafe[0].cause, self.memory.kinds[guarding.RANGE]
-        if beyond.seconds >= self.settings.ladder.resting:
-            cause = guarding.RANGE  # where the rig is counts more than what else is wrong
-        if cause == NOTHING:
-            return LEFT_OUT if self.memory.core[0].reversed == NONE else REVERSED
-        return [*REASONS.values()][cause]
+        """Why the level is what it is, in words, "" where it is driving."""
+        return (*CAUSES, "")[self.memory.core[0].cause]  # the last one is NOTHING
 
     @property
     def is_free(self) -> bool:
         """Whether references pass as they are."""
         return self.memory.governor[0].free
 
-    def reference(self, level: LoopState, now: Array, preview: Array, times: Array, elapsed: float) -> Array:
+    def reference(
+        self, level: LoopState, now: Array, found: Array, preview: Array, times: Array, elapsed: float
+    ) -> Array:
         """The preview (points, p) that the controller gets, for one at ``times`` (points,) [s] from now on. now (p,):
-        the reference at this moment.
+        the reference at this moment. found (p,): where the rig is, NaN where that is unknown.
         """
         if level is LoopState.DRIVING and self.is_free:
             return preview
-        found = preview.ravel().tolist()
-        guarding.govern(self.memory, level, now.tolist(), found, times.tolist(), elapsed)
-        return np.array(found).reshape(preview.shape)
+        governed = preview.ravel().tolist()
+        guarding.govern(self.memory, level, now.tolist(), found.tolist(), governed, times.tolist(), elapsed)
+        return np.array(governed).reshape(preview.shape)
 
     @property
     def slows(self) -> bool:

@@ -7,14 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hybrid_sysid_ros.control.safety.failsafe import AGAIN, Evidence, Failsafe, LoopState, judge_evidence
-from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
+from hybrid_sysid_ros.control.safety.failsafe import AGAIN, NOTHING, Evidence, Failsafe, LoopState, judge_evidence
+from hybrid_sysid_ros.control.safety.governor import (
+    GovernedOutput,
+    ReferenceGovernor,
+    come_back,
+    follow_reference,
+    lead_from,
+)
 from hybrid_sysid_ros.estimation.reversed_input import NONE
+from hybrid_sysid_ros.estimation.sensor_monitoring import MISSING
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
 from hybrid_sysid_ros.support.arrays import Floats
 
-ESTIMATE, ACTUATOR, RANGE = 0, 1, 2
-"""Indices of the kinds of evidence."""
+ESTIMATE, ACTUATOR, RANGE, SENSOR, INPUT = 0, 1, 2, 3, 4
+"""Causes of a level: indices of the kinds of evidence, a sensor that is missing, and an input that acts reversed."""
 SLOWED, HOLDING, RESTING = int(LoopState.SLOWED), int(LoopState.HOLDING), int(LoopState.RESTING)
 RECENT = 0.05
 """Time [s], beside its delay, for which an actuator may still be carrying out a command."""
@@ -50,8 +57,8 @@ enough to show what it makes of them. A flipped or disconnected one looks right 
 class GuardRecord:
     """A guard's own numbers. act, stabilised, slow_share, recent: see :class:`~.guard.GuardSettings`. share: of half
     their range that inputs have. tried: the same where an actuator is in doubt. row: of the newest command. level: that
-    it allows. reversed: the input that acts with the other sign, NONE: none does. fallen: whether a state is at a stop
-    from which no stabiliser lifts the rig.
+    it allows. cause: why that is no more. reversed: the input that acts with the other sign, NONE: none does. fallen:
+    whether a state is at a stop from which no stabiliser lifts the rig.
     """
 
     act: bool
@@ -62,6 +69,7 @@ class GuardRecord:
     tried: float = 1.0
     row: int = 0
     level: int = 0
+    cause: int = NOTHING
     reversed: int = NONE
     fallen: bool = False
 
@@ -137,6 +145,7 @@ def judge(
     level = judge_evidence(failsafe, kinds, min(elapsed, LONGEST))
     if without > 0.0 and level == 0:
         level = 1
+    core.cause = _cause(guard, without) if level > 0 else NOTHING
     if not core.act:
         level = 0
     core.level = level
@@ -146,6 +155,19 @@ def judge(
     if core.act and doubts_actuators(guard, failsafe.holding):
         core.tried = TRIAL
     return level
+
+
+def _cause(guard: GuardMemory, without: float) -> int:
+    """Why the loop is slowed, held or at rest: where the rig is counts more than what else is wrong."""
+    failsafe, kinds = guard.failsafe[0], guard.kinds
+    if kinds[RANGE].seconds >= failsafe.resting:
+        return RANGE
+    if failsafe.cause == NOTHING and guard.core[0].reversed != NONE:
+        return INPUT
+    is_missing = without > 0.0 and kinds[ESTIMATE].value <= MISSING
+    if failsafe.cause == NOTHING or (failsafe.cause == ESTIMATE and is_missing):
+        return SENSOR
+    return failsafe.cause
 
 
 def _reverse(guard: GuardMemory, which: int) -> None:
@@ -286,11 +308,18 @@ def _follow_response(item: GuardedInput, sent: float, acted: float, soon: float,
     item.common += share * (2.0 * a * b - item.common)
 
 
-def govern(guard: GuardMemory, level: int, now: Floats, preview: Floats, times: Floats, elapsed: float) -> None:
-    """Let a preview (points p,), in place, move as a level allows; see :func:`.governor.follow_reference`."""
+def govern(
+    guard: GuardMemory, level: int, now: Floats, found: Floats, preview: Floats, times: Floats, elapsed: float
+) -> None:
+    """Let a preview (points p,), in place, move as a level allows; see :func:`.governor.follow_reference`. found (p,):
+    where the rig is, from which it is led on when the loop is slowed no more; NaN where that is unknown.
+    """
     governor, outputs = guard.governor[0], guard.outputs
     if level > 0 and governor.free:
         lead_from(governor, outputs, now)
+    if level == 0 and governor.slow:
+        come_back(governor, outputs, found)
+    governor.slow = level > 0
     if not governor.free:
         share = 0.0 if level >= 2 else guard.core[0].slow_share if level > 0 else 1.0
         follow_reference(governor, outputs, now, preview, times, share, elapsed, level > 0)

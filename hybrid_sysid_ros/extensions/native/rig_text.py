@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.safety.guard import LEFT_OUT, REASONS, REVERSED
+from hybrid_sysid_ros.control.safety.guard import CAUSES, REASONS
 from hybrid_sysid_ros.extensions.export.unit.folder import unit_name
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
 from hybrid_sysid_ros.extensions.native.rig_parameters import AT_START, LIVE, NODES, UNWATCHED_LOOP, UNWATCHED_SENSORS
@@ -86,8 +86,6 @@ def _numbers(
         "COVARIANCE_SIZE": len(labels),
         "COVARIANCE_LABEL": text(f"covariance of {', '.join(labels)}"),
         "RIG": text(rig.name),
-        "SENSOR_LEFT_OUT": text(LEFT_OUT),
-        "INPUT_REVERSED": text(REVERSED),
         "BODY": text(body),
         "NOT_WATCHED_SENSORS": text(UNWATCHED_SENSORS),
         "NOT_WATCHED_LOOP": text(UNWATCHED_LOOP),
@@ -115,7 +113,7 @@ def _arrays(rig: Rig, python: PythonLoop, layout: SignalLayout) -> dict[str, tup
         "output_names": ("char *const", [text(item.name) for item in system.outputs]),
         "input_names": ("char *const", [text(item.name) for item in system.inputs]),
         "doubt_names": ("char *const", list(map(text, REASONS))),
-        "doubts": ("char *const", list(map(text, REASONS.values()))),
+        "doubts": ("char *const", list(map(text, CAUSES))),
         "reach_low": ("double", list(map(number, rig.reach[0]))),
         "reach_high": ("double", list(map(number, rig.reach[1]))),
     }

@@ -54,11 +54,12 @@ class GuardedController:
             self._returning, self.plan = True, None
             command = rest
         else:
+            found = estimator.expected(estimate, applied)
             if self._returning:
                 self._returning = False
                 self.controller.reset()
-                guard.come_back(estimator.expected(estimate, applied))
-            preview = guard.reference(level, now, preview, self.times, elapsed)
+                guard.come_back(found)
+            preview = guard.reference(level, now, found, preview, self.times, elapsed)
             self.plan = plan = self.controller.control(state, estimate.disturbance, before, preview)
             command = guard.slowed(plan.input, rest) if guard.slows else plan.input
         acting = guard.followed(command, before, elapsed)

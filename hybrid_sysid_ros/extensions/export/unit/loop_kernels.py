@@ -59,13 +59,14 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
         progress.returning, progress.status = 1, RESTED
         assign(inputs, rest)
     else:
+        if progress.returning != 0 or guard.governor[0].slow:
+            expect(loop, loop.outputs)
         if progress.returning != 0:
             progress.returning = 0
             forget_plan(loop)
-            expect(loop, loop.outputs)
             come_back(guard.governor[0], guard.outputs, loop.outputs)
         if governed:
-            guarding.govern(guard, core.level, loop.now, loop.preview, loop.times, progress.elapsed)
+            guarding.govern(guard, core.level, loop.now, loop.outputs, loop.preview, loop.times, progress.elapsed)
         assign(loop.instance.previous, loop.command)
         if loop.gains.shape[0] > 0:
             stabilise(loop, inputs)

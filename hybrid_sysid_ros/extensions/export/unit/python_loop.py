@@ -13,13 +13,11 @@ from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.mpc.mpc import STATUSES
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.control.safety.guard import Guard
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.control.waiting_inputs import InputsOnTheirWay, WaitingInputs
 from hybrid_sysid_ros.estimation import METHODS, ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator
-from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED, WAITING
 from hybrid_sysid_ros.extensions.shared.guarded_controller import GuardedController
@@ -100,10 +98,7 @@ class PythonLoop:
             self._answered = time if math.isnan(self._answered) else max(time, self._answered)
         command, loop = self.guarded.answer(estimate, applied, preview[0], preview, elapsed), self.guarded
         status = RESTED if loop.plan is None else CODES[loop.plan.status]
-        memory = loop.guard.memory
-        other = 0 if loop.level is LoopState.DRIVING else 4 if memory.core[0].reversed == NONE else 5
-        cause = memory.failsafe[0].cause + 1 if loop.guard.level else other
-        judged = np.array([float(loop.level), cause])
+        judged = np.array([float(loop.level), loop.guard.memory.core[0].cause + 1])
         self._answer = PeriodAnswer(status, command, estimate.state, estimate.ahead, estimate.disturbance, judged)
         return self._answer
 

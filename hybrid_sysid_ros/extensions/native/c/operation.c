@@ -130,12 +130,7 @@ bool operation_disarm(char *words)
 
 const char *doubt_in_words(void)
 {
-    const int cause = unit.guard_failsafe[0].cause;
-
-    if (cause < 0) {
-        return unit.guard_core[0].reversed < 0 ? SENSOR_LEFT_OUT : INPUT_REVERSED;
-    }
-    return doubts[cause];
+    return unit.guard_core[0].cause < 0 ? "" : doubts[unit.guard_core[0].cause];
 }
 
 const char *unready(void)

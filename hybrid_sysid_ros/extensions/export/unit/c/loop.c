@@ -167,10 +167,7 @@ void @{name}_judge(@{name}_memory *unit, const @{name}_real *applied, @{name}_co
     memmove(unit->applied, applied, sizeof unit->applied);
     @judge;
     command->level = unit->guard_core[0].level;
-    command->cause = unit->guard_failsafe[0].cause + 1;
-    if (command->cause == @{NAME}_NOTHING && command->level > @{NAME}_DRIVING) {
-        command->cause = unit->guard_core[0].reversed < 0 ? @{NAME}_SENSOR : @{NAME}_REVERSED;
-    }
+    command->cause = unit->guard_core[0].cause + 1;
 }
 
 void @{name}_decide_from(
