@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -14,8 +15,8 @@ CONSTANTS, DAMPINGS = np.geomspace(1.0 / 60.0, 3.0, 24), np.array([0.05, 0.2, 0.
 """Where the search for an equation begins: time constants in periods of the band, and damping ratios."""
 LONGEST, FASTEST = 3.0, 1.5
 """Longest time constant, in records; fastest pole, over a step of the fit."""
-AT_BOUND = 1.05
-"""Lag, in the shortest one of a search, below which it is at its bound."""
+MORE, NOISY = 1.15, 2.0
+"""Error of a simpler equation, in the least one of all forms and in the sensor's noise, up to which it is taken."""
 MOST = 20_000
 """Samples at the beginning of a record by which the equation is found."""
 DELAYS = np.unique(np.round(np.geomspace(1.0, 1000.0, 40)).astype(int)).tolist()
@@ -39,7 +40,7 @@ def delays_of(outputs: Sequence[Array], inputs: Sequence[Array], every: int, ste
     """
     us = [values[: MOST_STEPS * every] for values in inputs]
     ys = [values[: MOST_STEPS * every] for values in outputs]
-    searches = [_Search(y, us, every, step, band, by_changes=True) for y in ys]
+    searches = [_Search(y, us, every, step, band, FORMS[1], by_changes=True) for y in ys]
     for search in searches:
         search.begin()
     found = [0] * len(us)
@@ -56,36 +57,67 @@ def delays_of(outputs: Sequence[Array], inputs: Sequence[Array], every: int, ste
     return found
 
 
-def equation_of(output: Array, inputs: Sequence[Array], every: int, step: float, band: float) -> tuple[float, ...]:
-    """First values (gains, offset, time constant [s], damping ratio) of T^2 y'' = g u + c - y - 2 d T y': those whose
-    simulation is nearest to the record. T and d are searched; gains, offset and initial state follow by least squares
-    (variable projection).
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """What an equation has: lags, whether a rate goes with the inputs at once, and whether the output does."""
+
+    order: int
+    by_rate: bool = False
+    direct: bool = False
+
+
+FORMS = (
+    Form(order=1), Form(order=2), Form(order=1, direct=True), Form(order=2, by_rate=True),
+    Form(order=2, by_rate=True, direct=True),
+)  # fmt: skip
+"""Forms of an equation, the simplest first."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Equation:
+    """T y' = pull with a lag of first order, else T^2 y'' = pull - 2 d T y', where pull = gains u + offset - y; beside
+    that the inputs move y' by rates u and y by shares u, at once.
     """
-    search = _Search(output[: MOST * every], [u[: MOST * every] for u in inputs], every, step, band)
-    search.begin()
-    search.least()
-    _, found, constant, damping = search.solved(search.point)
-    return (*found[: len(inputs) + 1].tolist(), constant, damping)
+
+    form: Form
+    gains: Array
+    """Of the output by each input at rest, (inputs,)."""
+    rates: Array
+    """(inputs,) [1/s]; zero where the form has none."""
+    shares: Array
+    """(inputs,); zero where the form has none."""
+    offset: float
+    constant: float
+    """T [s]."""
+    damping: float
+    """d."""
+    error: float
+    """Root mean square of the simulation's error."""
 
 
-def is_first_order(constant: float, damping: float, step: float) -> bool:
-    """Whether the faster one of two lags is at its bound, so that steps of fits do not tell it from none."""
-    return damping > 1.0 and constant / (damping + np.sqrt(damping**2 - 1.0)) < AT_BOUND * step / FASTEST
+def equation_of(output: Array, inputs: Sequence[Array], every: int, step: float, band: float, noise: float) -> Equation:
+    """The simplest equation whose simulation of a record errs hardly more than any form's, or than the noise. T and d
+    are searched; gains, rates, shares, offset and initial state follow by least squares (variable projection).
+    """
+    y, us = output[: MOST * every], [u[: MOST * every] for u in inputs]
+    found = [_Search(y, us, every, step, band, form).equation() for form in FORMS]
+    enough = max(MORE * min(item.error for item in found), NOISY * noise)
+    return next(item for item in found if item.error <= enough)
 
 
 class _Search:
     """The search for T and d of one output, in steps."""
 
     def __init__(
-        self, output: Array, inputs: Sequence[Array], every: int, step: float, band: float, by_changes: bool = False
-    ) -> None:
+        self, output: Array, inputs: Sequence[Array], every: int, step: float, band: float, form: Form,
+        by_changes: bool = False,
+    ) -> None:  # fmt: skip
         """by_changes: errors are those of changes from step to step, which a slow error hardly moves."""
-        self.every, self.step, self.band, self.by_changes = every, step, band, by_changes
+        self.every, self.step, self.band, self.form, self.by_changes = every, step, band, form, by_changes
         self.driven_by(inputs)
         self.y = output[::every][: len(self.us[0])]
-        self.ends = np.log(
-            [[CONSTANTS[0] / band, DAMPINGS[0] / 10.0], [LONGEST * step * len(self.y), 10.0 * DAMPINGS[-1]]]
-        )
+        low, high = (CONSTANTS[0] / band, DAMPINGS[0] / 10.0), (LONGEST * step * len(self.y), 10.0 * DAMPINGS[-1])
+        self.ends = np.log([low, high])[:, : form.order]
 
     def driven_by(self, inputs: Sequence[Array]) -> _Search:
         """Take these inputs (samples,) as held means over each step."""
@@ -93,21 +125,41 @@ class _Search:
         self.us = [values[: len(values) // every * every].reshape(-1, every).mean(axis=1) for values in inputs]
         return self
 
+    def equation(self) -> Equation:
+        """The equation that is nearest."""
+        self.begin()
+        self.least()
+        errors, found, constant, damping = self.solved(self.point)
+        count, form = len(self.us), self.form
+        gains, *more = found[: count * (1 + form.by_rate + form.direct)].reshape(-1, count)
+        rates = more.pop(0) / constant if form.by_rate else np.zeros(count)
+        shares = more.pop(0) if form.direct else np.zeros(count)
+        return Equation(
+            form=form, gains=gains + shares, rates=rates, shares=shares, offset=float(found[-form.order - 1]),
+            constant=constant, damping=damping, error=float(np.sqrt(np.mean(errors**2))) * self.size,
+        )  # fmt: skip
+
     def solved(self, point: Array) -> tuple[Array, Array, float, float]:
         """Errors in the output's size (steps,), numbers that follow, T and d, of log T and log d."""
-        damping = float(np.exp(point[1]))
+        damping = float(np.exp(point[1])) if self.form.order == 2 else 0.0
         fastest = damping + np.sqrt(damping**2 - 1.0) if damping > 1.0 else 1.0
         constant = max(float(np.exp(point[0])), fastest * self.step / FASTEST)
-        rows, aim = responses_of(self.us, self.step / constant, damping), self.y
+        rows, aim = responses_of(self.us, self.step / constant, damping, self.form), self.y
         if self.by_changes:
             rows, aim = np.diff(rows, axis=0), np.diff(aim)
         found = np.asarray(np.linalg.lstsq(rows, aim, rcond=None)[0], dtype=np.float64)
-        size = float(np.linalg.norm(aim - aim.mean())) or 1.0
-        return np.asarray((rows @ found - aim) / size), found, float(constant), damping
+        return np.asarray((rows @ found - aim) / self.size), found, float(constant), damping
+
+    @property
+    def size(self) -> float:
+        """Norm of what is to be explained."""
+        aim = np.diff(self.y) if self.by_changes else self.y
+        return float(np.linalg.norm(aim - aim.mean())) or 1.0
 
     def begin(self) -> None:
         """Go to the best one of the beginnings."""
-        beginnings = [np.log([t / self.band, d]) for t in CONSTANTS for d in DAMPINGS]
+        beginnings = np.log([[t / self.band, d] for t in CONSTANTS for d in DAMPINGS])
+        beginnings = np.unique(beginnings[:, : self.form.order], axis=0)
         first = min(beginnings, key=lambda point: float(np.sum(self.solved(point)[0] ** 2)))
         self.point = np.clip(first, self.ends[0] + 1e-9, self.ends[1] - 1e-9)
 
@@ -118,15 +170,23 @@ class _Search:
         return 2.0 * float(best.cost)
 
 
-def responses_of(inputs: Sequence[Array], step: float, damping: float) -> Array:
-    """Of y'' = u - y - 2 d y', to each input alone, to an offset and to both initial states, (samples, inputs + 3); the
-    inputs are held.
+def responses_of(inputs: Sequence[Array], step: float, damping: float, form: Form) -> Array:
+    """Of y' = u - y, or y'' = u - y - 2 d y', to each input alone, to its rate, to what it adds at once, to an offset
+    and to the initial states, (samples, columns); the inputs are held.
     """
-    law = np.array([[0.0, 1.0], [-1.0, -2.0 * damping]]), np.array([[0.0], [1.0]])
-    kept, given, *_ = cont2discrete((*law, np.eye(2), np.zeros((2, 1))), step)
-    a, b, c, d, e, f = (float(value) for value in (*kept.ravel(), *given.ravel()))
-    poles, impulse = [1.0, -a - d, a * d - b * c], np.zeros(len(inputs[0]))
+    law = np.array([[-1.0]]), np.array([[1.0]])
+    if form.order == 2:
+        law = np.array([[0.0, 1.0], [-1.0, -2.0 * damping]]), np.array([[0.0], [1.0]])
+    kept, given, *_ = cont2discrete((*law, np.eye(form.order), np.zeros((form.order, 1))), step)
+    impulse = np.zeros(len(inputs[0]))
     impulse[0] = 1.0
-    driven = [lfilter([0.0, e, b * f - d * e], poles, u) for u in inputs]
-    free = [lfilter(numerator, poles, impulse) for numerator in ([1.0, -d], [0.0, b])]
-    return np.column_stack([*driven, np.ones(len(impulse)), *free])
+    if form.order == 1:
+        a, b = float(kept[0, 0]), float(given[0, 0])
+        poles, answers, free = [1.0, -a], [[0.0, b]], [[1.0]]
+    else:
+        a, b, c, d, e, f = (float(value) for value in (*kept.ravel(), *given.ravel()))
+        poles, free = [1.0, -a - d, a * d - b * c], [[1.0, -d], [0.0, b]]
+        answers = [[0.0, e, b * f - d * e], [0.0, f, c * e - a * f]][: 1 + form.by_rate]
+    driven = [lfilter(numerator, poles, u) for numerator in answers for u in inputs]
+    rest = [lfilter(numerator, poles, impulse) for numerator in free]
+    return np.column_stack([*driven, *(inputs if form.direct else ()), np.ones(len(impulse)), *rest])

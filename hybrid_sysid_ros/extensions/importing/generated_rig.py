@@ -195,8 +195,7 @@ def _values_text(file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[
     sensors, actuators = {}, {}
     for item in outputs:
         shown = {} if item.factor == 1.0 else {"unit": item.stated, "scale": item.factor}
-        second = np.abs(np.diff(item.values / item.factor, 2))
-        noise = float(np.median(second) / (0.6745 * np.sqrt(6.0)))
+        noise = item.noise / item.factor
         sensors[item.name] = {**shown, **({"white_noise": float(f"{noise:.3g}")} if noise > 0.0 else {})}
     for item in inputs:
         low, high, room = item.values.min(), item.values.max(), ROOM * np.ptp(item.values)

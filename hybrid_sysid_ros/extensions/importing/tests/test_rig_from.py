@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete
+from scipy.signal import cont2discrete, lfilter
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands import app
@@ -98,6 +98,43 @@ def test_a_dead_time_of_many_samples_is_found(program, tmp_path, monkeypatch, de
         assert program("import", "log.csv", "--rig", f"./late_oven_{dead}")[0] == 0
         model = hs.identify(hs.read_bag("bags/log", rig), rig, "gray")
         assert model.parameters["heater_delay"] == pytest.approx(0.01 * dead, abs=2e-3)
+
+
+FAST, SLOW = 8.0, 120.0
+"""Time constants of two lags [samples]."""
+
+
+@pytest.mark.parametrize(("name", "share"), [("heated_mass", 0.0), ("cell_of_charge", 0.3)])
+def test_an_answer_at_once_is_found_and_identified_to_the_noise(program, tmp_path, monkeypatch, name, share):
+    """Two lags side by side, whose fast one moves the rate, and a share of the input itself: a zero, or two."""
+    monkeypatch.chdir(tmp_path)
+    random, noise = np.random.default_rng(3), 0.002
+    u = np.repeat(random.uniform(-1.0, 1.0, 40), 60)
+    lags = [lfilter([0.0, 1.0 - np.exp(-1.0 / lag)], [1.0, -np.exp(-1.0 / lag)], u) for lag in (FAST, SLOW)]
+    y = lags[0] + 2.0 * lags[1] + share * u + noise * random.normal(size=len(u))
+    table = np.column_stack([np.arange(len(u)), u, y])
+    np.savetxt("log.csv", table, delimiter=",", header="time,u,y", comments="", fmt="%.9g")
+    assert program("rig", "from", "log.csv", f"./{name}")[0] == 0
+    rig = hs.load_rig(f"./{name}")
+    first = rig.system.named
+    assert first["gain"] == pytest.approx(3.0 + share, rel=0.05)
+    assert first["gain_of_change"] == pytest.approx(1.0 / FAST + 2.0 / SLOW, rel=0.05)
+    assert first.get("gain_at_once", 0.0) == pytest.approx(share, abs=0.01)
+    record = hs.record(time=np.arange(len(u)), inputs=u, outputs=y, rig=rig)
+    run = hs.identify(record, rig, "gray", part=(0, 0.6)).free_run(record, part=(0.6, 1))
+    assert np.std(run.measured - run.outputs) < 1.2 * noise
+
+
+def test_an_output_of_the_name_of_another_ones_rate_keeps_it(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    times, inputs, roll = response(0.02)
+    table = np.column_stack([times, inputs, np.gradient(roll, 0.02), roll])
+    np.savetxt("log.csv", table, delimiter=",", header="time,torque,roll_rate,roll", comments="", fmt="%.9g")
+    chosen = ("--input", "torque", "--output", "roll_rate", "--output", "roll")
+    assert program("rig", "from", "log.csv", "./rolling", *chosen)[0] == 0
+    names = [item.name for item in hs.load_rig("./rolling").system.states]
+    assert len({*names}) == len(names)
+    assert {"roll_rate", "roll"} < {*names}
 
 
 def test_an_output_that_jumps_between_its_samples_makes_a_rig_that_loads(program, tmp_path, monkeypatch):

@@ -335,10 +335,10 @@ def test_a_number_that_stands_for_missing_values_is_named(value):
 
 
 def test_a_guessed_law_that_is_slower_than_the_rig_accuses_no_sensor_of_haste(call, tmp_path, monkeypatch):
-    """A lag of first order, which the equation of second order follows a step of the fit later."""
+    """A lag of first order, which an equation of second order would follow a step of the fit later."""
     monkeypatch.chdir(tmp_path)
     u = np.repeat(np.random.default_rng(0).choice([0.0, 5.0], 400), 50)
-    rows = np.column_stack([1e-5 * np.arange(len(u)), u, lfilter([0.01], [1.0, -0.99], u)])
+    rows = np.column_stack([1e-5 * np.arange(len(u)), u, lfilter([0.0, 0.01], [1.0, -0.99], u)])
     rows[:, 2] += 0.005 * np.random.default_rng(1).normal(size=len(u))
     np.savetxt("rc.csv", rows, delimiter=",", header="time,v_in,v_out", comments="")
     program = partial(call, app.main, "hybrid-sysid")
