@@ -298,13 +298,9 @@ def test_a_hybrid_has_the_errors_of_its_own_numbers(linear_bench, rig):
         assert frozen.standard_errors[name] == pytest.approx(error, rel=1e-6), name
 
 
-def test_a_network_that_short_rollouts_spoilt_begins_again():
+def test_what_short_rollouts_spoilt_begins_again():
     """Errors over whole records: 2 at the start, 3 or 1 at what was found."""
     start = np.array([2.0])
-    problem: Any = SimpleNamespace(
-        system=SimpleNamespace(weights=start), start=start, residuals=lambda horizon: lambda point: point
-    )
+    problem: Any = SimpleNamespace(start=start, residuals=lambda horizon: lambda point: point)
     assert [point[0] for point in _kept(problem, [np.array([3.0])], None)] == [3.0, 2.0]
     assert [point[0] for point in _kept(problem, [np.array([1.0])], None)] == [1.0]
-    problem.system.weights = np.zeros(0)
-    assert len(_kept(problem, [np.array([3.0])], None)) == 1

@@ -158,13 +158,11 @@ def fit(
 
 
 def _kept(problem: FitProblem, points: list[Array], horizon: int | None) -> list[Array]:
-    """Points to go on from, and the start where a network that shorter rollouts taught makes longer ones worse: small
-    errors of rates that no rollout integrates for long may move a slow state anywhere.
+    """Points to go on from, and the start where what shorter rollouts taught makes longer ones worse: small errors of
+    rates that no rollout integrates for long may move a slow state anywhere.
     """
     residuals = problem.residuals(horizon)
-    worse = len(problem.system.weights) and np.linalg.norm(residuals(problem.start)) < min(
-        float(np.linalg.norm(residuals(point))) for point in points
-    )
+    worse = np.linalg.norm(residuals(problem.start)) < min(float(np.linalg.norm(residuals(point))) for point in points)
     return [*points, problem.start] if worse else points
 
 

@@ -1,4 +1,4 @@
-"""First equation: the dead times and the linear equation of second order that are nearest to a record."""
+"""First equation: the dead times of a record, and the simplest linear equation that is near to it."""
 
 from __future__ import annotations
 
