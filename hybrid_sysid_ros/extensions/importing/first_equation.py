@@ -40,7 +40,7 @@ def delays_of(outputs: Sequence[Array], inputs: Sequence[Array], every: int, ste
     """
     us = [values[: MOST_STEPS * every] for values in inputs]
     ys = [values[: MOST_STEPS * every] for values in outputs]
-    searches = [_Search(y, us, every, step, band, FORMS[1], by_changes=True) for y in ys]
+    searches = [_Search(y, us, every, step, band, EQUATION_FORMS[1], by_changes=True) for y in ys]
     for search in searches:
         search.begin()
     found = [0] * len(us)
@@ -58,7 +58,7 @@ def delays_of(outputs: Sequence[Array], inputs: Sequence[Array], every: int, ste
 
 
 @dataclass(frozen=True, kw_only=True)
-class Form:
+class EquationForm:
     """What an equation has: lags, whether a rate goes with the inputs at once, and whether the output does."""
 
     order: int
@@ -66,9 +66,9 @@ class Form:
     direct: bool = False
 
 
-FORMS = (
-    Form(order=1), Form(order=2), Form(order=1, direct=True), Form(order=2, by_rate=True),
-    Form(order=2, by_rate=True, direct=True),
+EQUATION_FORMS = (
+    EquationForm(order=1), EquationForm(order=2), EquationForm(order=1, direct=True), EquationForm(order=2, by_rate=True),
+    EquationForm(order=2, by_rate=True, direct=True),
 )  # fmt: skip
 """Forms of an equation, the simplest first."""
 
@@ -79,7 +79,7 @@ class Equation:
     that the inputs move y' by rates u and y by shares u, at once.
     """
 
-    form: Form
+    form: EquationForm
     gains: Array
     """Of the output by each input at rest, (inputs,)."""
     rates: Array
@@ -100,7 +100,7 @@ def equation_of(output: Array, inputs: Sequence[Array], every: int, step: float,
     are searched; gains, rates, shares, offset and initial state follow by least squares (variable projection).
     """
     y, us = output[: MOST * every], [u[: MOST * every] for u in inputs]
-    found = [_Search(y, us, every, step, band, form).equation() for form in FORMS]
+    found = [_Search(y, us, every, step, band, form).equation() for form in EQUATION_FORMS]
     enough = max(MORE * min(item.error for item in found), NOISY * noise)
     return next(item for item in found if item.error <= enough)
 
@@ -109,7 +109,7 @@ class _Search:
     """The search for T and d of one output, in steps."""
 
     def __init__(
-        self, output: Array, inputs: Sequence[Array], every: int, step: float, band: float, form: Form,
+        self, output: Array, inputs: Sequence[Array], every: int, step: float, band: float, form: EquationForm,
         by_changes: bool = False,
     ) -> None:  # fmt: skip
         """by_changes: errors are those of changes from step to step, which a slow error hardly moves."""
@@ -170,7 +170,7 @@ class _Search:
         return 2.0 * float(best.cost)
 
 
-def responses_of(inputs: Sequence[Array], step: float, damping: float, form: Form) -> Array:
+def responses_of(inputs: Sequence[Array], step: float, damping: float, form: EquationForm) -> Array:
     """Of y' = u - y, or y'' = u - y - 2 d y', to each input alone, to its rate, to what it adds at once, to an offset
     and to the initial states, (samples, columns); the inputs are held.
     """
