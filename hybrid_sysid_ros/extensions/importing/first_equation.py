@@ -21,8 +21,8 @@ MOST = 20_000
 """Samples at the beginning of a record by which the equation is found."""
 DELAYS = np.unique(np.round(np.geomspace(1.0, 1000.0, 40)).astype(int)).tolist()
 """Dead times that are tried, in samples."""
-MOST_STEPS, FEW = 3000, 30
-"""Steps by which dead times are found, and how often the longest one that is tried fits into a record."""
+MOST_STEPS, MOST_OUTPUTS, FEW = 3000, 4, 30
+"""Steps and outputs by which dead times are found, and how often the longest one that is tried fits into a record."""
 GAIN = 0.95
 """Error that a dead time must leave, in that without it: a lag of higher order looks like a short one."""
 
@@ -34,7 +34,7 @@ def late(values: Array, samples: int) -> Array:
 
 def delays_of(outputs: Sequence[Array], inputs: Sequence[Array], every: int, step: float, band: float) -> list[int]:
     """Samples by which each input acts later, one input after the other: those with which the changes of the nearest
-    equations are nearest to the record's; 0 where these are hardly nearer.
+    equations are nearest to the record's; 0 where these are hardly nearer. Of many outputs the best explained decide.
 
     every: samples in a step [s]. band: frequency below which the outputs vary [Hz].
     """
@@ -43,7 +43,8 @@ def delays_of(outputs: Sequence[Array], inputs: Sequence[Array], every: int, ste
     searches = [_Search(y, us, every, step, band, EQUATION_FORMS[1], by_changes=True) for y in ys]
     for search in searches:
         search.begin()
-    found = [0] * len(us)
+    searches.sort(key=lambda search: float(np.sum(search.solved(search.point)[0] ** 2)))
+    searches, found = searches[:MOST_OUTPUTS], [0] * len(us)
 
     def error(chosen: Sequence[int]) -> float:
         shifted = [late(values, delay) for values, delay in zip(us, chosen, strict=True)]
@@ -67,9 +68,12 @@ class EquationForm:
 
 
 EQUATION_FORMS = (
-    EquationForm(order=1), EquationForm(order=2), EquationForm(order=1, direct=True), EquationForm(order=2, by_rate=True),
+    EquationForm(order=1),
+    EquationForm(order=2),
+    EquationForm(order=1, direct=True),
+    EquationForm(order=2, by_rate=True),
     EquationForm(order=2, by_rate=True, direct=True),
-)  # fmt: skip
+)
 """Forms of an equation, the simplest first."""
 
 
@@ -99,8 +103,11 @@ def equation_of(output: Array, inputs: Sequence[Array], every: int, step: float,
     """The simplest equation whose simulation of a record errs hardly more than any form's, or than the noise. T and d
     are searched; gains, rates, shares, offset and initial state follow by least squares (variable projection).
     """
-    y, us = output[: MOST * every], [u[: MOST * every] for u in inputs]
-    found = [_Search(y, us, every, step, band, form).equation() for form in EQUATION_FORMS]
+    y, us, found = output[: MOST * every], [u[: MOST * every] for u in inputs], list[Equation]()
+    for form in EQUATION_FORMS:
+        found.append(_Search(y, us, every, step, band, form).equation())
+        if found[-1].error <= NOISY * noise:
+            break
     enough = max(MORE * min(item.error for item in found), NOISY * noise)
     return next(item for item in found if item.error <= enough)
 
@@ -147,7 +154,8 @@ class _Search:
         rows, aim = responses_of(self.us, self.step / constant, damping, self.form), self.y
         if self.by_changes:
             rows, aim = np.diff(rows, axis=0), np.diff(aim)
-        found = np.asarray(np.linalg.lstsq(rows, aim, rcond=None)[0], dtype=np.float64)
+        small = np.asarray(np.linalg.qr(np.column_stack([rows, aim]), mode="r"))  # faster than lstsq of tall rows
+        found = np.asarray(np.linalg.lstsq(small[:, :-1], small[:, -1], rcond=None)[0], dtype=np.float64)
         return np.asarray((rows @ found - aim) / self.size), found, float(constant), damping
 
     @property
