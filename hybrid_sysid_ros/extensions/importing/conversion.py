@@ -18,7 +18,7 @@ from hybrid_sysid_ros.extensions.importing.grid import SAMPLES_PER_PIECE, CleanS
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, further, rig_factor, seconds_of
 from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
-from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
+from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped
 from hybrid_sysid_ros.models.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -163,11 +163,12 @@ class _Conversion:
         turn = turn_of(units[name])
         if turn is None:
             raise UserError(f"{self.path}: unwrap of {name}: [{units[name]}] is no unit of an angle; leave it out")
+        whole = unwrapped(angle, turn)
+        jumps = int(np.count_nonzero(np.diff(np.round((whole - angle)[np.isfinite(angle)] / turn))))
         self.notes.append(
-            f"{self.path}: {column.column} comes modulo a turn; {counted(len(wraps_of(angle, turn)), 'jump')} by a "
-            "turn taken out (unwrap)"
+            f"{self.path}: {column.column} comes modulo a turn; {counted(jumps, 'jump')} by a turn taken out (unwrap)"
         )
-        return unwrapped(angle, turn)
+        return whole
 
     def snapped(self, name: str, column: SignalColumn) -> tuple[Array, Array]:
         """Times and values of a signal, where stamps that only jitter about the grid's times are these."""

@@ -36,6 +36,8 @@ NOISE = 6.0
 """Power of a line that passes for noise, in the median of the fastest lines."""
 HELD = 1e-9
 """Change of an input, in its span, below which it is held."""
+NEITHER = {"setpoint", "reference", "ref", "target", "sollwert", "desired", "status", "mode", "id", "index", "counter"}
+"""Words of columns that are neither inputs nor outputs."""
 PER_PERIOD, FEWEST = 20.0, 300
 """Steps of a fit in a period of that frequency, and fewest steps in the record."""
 
@@ -56,7 +58,9 @@ class MadeRig:
 
 
 def roles(columns: Sequence[LogColumn], inputs: Sequence[str], outputs: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of the columns that are inputs and outputs: those given, or else those whose names say so."""
+    """Names of the columns that are inputs and outputs: those given, or else those whose names say so. Where the inputs
+    are given, and no name says that it is an output, all others are that do not say something else.
+    """
     words = {column.name: {*words_of(column.name)} for column in columns if column.name not in (*inputs, *outputs)}
     if {"x"} in words.values() and {"f"} in words.values():  # a force and a position, not x and its y
         words = {name: {"position"} if its == {"x"} else its for name, its in words.items()}
@@ -65,6 +69,8 @@ def roles(columns: Sequence[LogColumn], inputs: Sequence[str], outputs: Sequence
     left = [name for name in words if name not in (*found_in, *found_out)]
     if len(left) == 1 and bool(found_in) != bool(found_out):
         (found_out if found_in else found_in).append(left[0])
+    elif inputs and not found_out:
+        found_out = [name for name in left if not words[name] & NEITHER]
     return found_in, found_out
 
 

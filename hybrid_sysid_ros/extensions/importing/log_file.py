@@ -46,6 +46,8 @@ UNITS = frozenset(
 """Units that may end a name; nm may be the torque's."""
 _END = re.compile(r"(?P<front>.*?[^\s_/])(?:_|\s*/\s*|\s+)(?P<unit>[^\s_/]+(?:/(?:s|s\^2|s²|min|h))?)$")
 _RATE = re.compile(r"(?P<front>.*?[^\s_/])_(?P<unit>[^\W_]+)_(?P<time>s|min|h)$")
+ALONE, PHASES = frozenset(("V", "W")), frozenset(("phase", "line", "leg"))
+"""Units of one letter that end any name but those of phases U, V and W; other letters name places, such as sensor_A."""
 RATED = frozenset(("l", "L", "m", "rad"))
 """Units that end a name only as rates, such as flow_l_min."""
 UNITED = re.compile(r"(?P<name>.+?)\s*/?\s*[\[(](?P<unit>[^\])]*)[\])]$")
@@ -158,7 +160,8 @@ def _parted(name: str) -> tuple[str, str]:
         return name, ""
     front, unit = match["front"], match["unit"]
     words = {word.lower() for word in _WORD.findall(front)}
-    known = unit.partition("/")[0] in UNITS or bool(words & LETTERS.get(unit, frozenset()))
+    anywhere = unit in ALONE and not words & PHASES
+    known = unit.partition("/")[0] in UNITS or anywhere or bool(words & LETTERS.get(unit, frozenset()))
     return (front, unit) if known or unit in ("m/s", "m/s^2", "m/s²") else (name, "")
 
 

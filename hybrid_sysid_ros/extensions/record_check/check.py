@@ -35,7 +35,7 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     """All findings, the costliest first. Raises UserError for a record that does not fit the rig."""
     signals, found = signals_of(record, rig), list[RecordFinding]()
     for signal in signals:
-        found += sample_findings(signal)
+        found += sample_findings(signal, list(record.input.T))
     if any(signal.is_input and signal.span > 0.0 for signal in signals):
         found = [replace(item, cost=STILL) if item.kind == "no excitation" else item for item in found]
     found += _whole(record, signals)

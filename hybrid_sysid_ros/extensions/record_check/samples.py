@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +24,12 @@ none, since the signal's own power is near.
 """
 LONGEST_HOLD = 200
 """Samples over which a signal may be held; a longer level is a step of the experiment."""
+NEARBY = 50
+"""Samples within which a spike stands out from what the signal does."""
+STEP, SOON, RARE = 8.0, 12, 0.3
+"""Change of an input, in its usual one, from which it is a step; samples within which an output rings from it; and
+share of a record's samples, below which it is no chance that spikes are among them.
+"""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -82,8 +88,10 @@ def runs_of(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]
     return edges[::2], edges[1::2] - edges[::2]
 
 
-def sample_findings(signal: CheckedSignal) -> Iterator[RecordFinding]:
-    """Faults of a signal by itself; they mark the samples that they spoil."""
+def sample_findings(signal: CheckedSignal, inputs: Sequence[Array] = ()) -> Iterator[RecordFinding]:
+    """Faults of a signal by itself; they mark the samples that they spoil. inputs: (samples,) each, whose steps an
+    output may answer at once.
+    """
     if signal.span == 0.0:
         kind = "no excitation" if signal.is_input else "constant output"
         yield RecordFinding(
@@ -97,7 +105,7 @@ def sample_findings(signal: CheckedSignal) -> Iterator[RecordFinding]:
         return
     found = list(_clipped(signal)) + list(_held(signal))
     if not (signal.is_input or found):
-        found += _spikes(signal)
+        found += _spikes(signal, inputs)
         found += _hum(signal)
         found += _coarse(signal)
         found += () if found else _noise(signal)
@@ -190,17 +198,19 @@ def _held(signal: CheckedSignal) -> Iterator[RecordFinding]:
             return
 
 
-def _spikes(signal: CheckedSignal) -> Iterator[RecordFinding]:
-    """Samples far away from both neighbours, and far more than others are."""
+def _spikes(signal: CheckedSignal, inputs: Sequence[Array]) -> Iterator[RecordFinding]:
+    """Samples far away from both neighbours, and far more than others are, unless each answers a step of an input."""
     y = signal.values
     away = np.abs(y - median_filter(y, 7, mode="nearest"))
     usual = float(np.percentile(away, 95))
-    least = max(0.2 * float(np.ptp(np.percentile(y, [1, 99]))), 4.0 * max(signal.count, signal.resolution()))
+    step = float(np.percentile(np.abs(np.diff(y)), 95))
+    least = max(3.0 * step, 0.05 * _moves(y), 4.0 * max(signal.count, signal.resolution()))
     far = away > max(6.0 * usual, least, 8.0 * signal.noise)
     first, length = runs_of(far)
     back = np.abs(y[np.minimum(first + length, len(y) - 1)] - y[np.maximum(first - 1, 0)])
     first = first[(length <= 3) & (back < 0.5 * away[first])]
-    if len(first) and far.mean() < 0.04:
+    answers = any(_follow_steps(first, values) for values in inputs)
+    if len(first) and not answers and far.mean() < 0.04:
         signal.spoilt |= far
         worst = int(np.argmax(away))
         yield RecordFinding(
@@ -209,6 +219,21 @@ def _spikes(signal: CheckedSignal) -> Iterator[RecordFinding]:
             f"{signal.at(worst)}",
             cure="repair the wiring or the driver; leave those parts out (--part)",
         )  # fmt: skip
+
+
+def _moves(values: Array) -> float:
+    """How far a signal usually moves within NEARBY samples: what wanders has any span."""
+    pieces = values[: len(values) // NEARBY * NEARBY].reshape(-1, NEARBY)
+    return float(np.median(np.ptp(pieces, axis=1))) if len(pieces) else float(np.ptp(values))
+
+
+def _follow_steps(samples: NDArray[np.intp], values: Array) -> bool:
+    """Whether all samples come soon after a step of an input, farther than it usually moves, and few others do."""
+    away = np.abs(np.diff(values))
+    steps = np.flatnonzero(away > STEP * float(np.median(away)))
+    since = np.arange(len(values)) - np.append(-SOON, steps)[np.searchsorted(steps, np.arange(len(values)))]
+    soon = since < SOON
+    return bool(soon[samples].all() and soon.mean() < RARE)
 
 
 def _spectrum(signal: CheckedSignal) -> tuple[Array, Array]:

@@ -337,6 +337,9 @@ def test_a_file_larger_than_the_memory_is_refused_before_it_is_read(imported, tm
         ("room_degC", "degC", ["room"]),
         ("heater_percent", "percent", ["heater"]),
         ("x_s", "", ["x", "s"]),
+        ("source_V", "V", ["source"]),
+        ("cap_W", "W", ["cap"]),
+        ("phase_V", "", ["phase", "v"]),
     ],
 )
 def test_a_unit_ends_a_name_where_the_name_says_what_it_measures(name, unit, words):

@@ -11,6 +11,8 @@ from scipy.signal import cont2discrete, lfilter
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import simulate
+from hybrid_sysid_ros.extensions.importing.generated_rig import roles
+from hybrid_sysid_ros.extensions.importing.log_file import LogColumn
 from tests.command_line import refused
 
 GAIN, OFFSET, PERIODS, DAMPING = 2.0, 0.5, 12.5, 0.3
@@ -291,3 +293,9 @@ def test_an_angle_that_wraps_is_unwrapped_without_its_unit(program, tmp_path, mo
     assert program("import", "log.csv", "--rig", "./turner")[0] == 0
     found = hs.read_bag("bags/log", "./turner").output[:, 0]
     np.testing.assert_allclose(found - found[0], turned - turned[0], atol=1e-6)
+
+
+def test_where_inputs_are_given_the_other_columns_are_outputs_that_say_nothing_else():
+    columns = [LogColumn(name=name, samples=9) for name in ("Heizung", "T1_degC", "T2_degC", "setpoint", "status")]
+    assert roles(columns, ["Heizung"], []) == (["Heizung"], ["T1_degC", "T2_degC"])
+    assert roles(columns, ["Heizung"], ["T2_degC"]) == (["Heizung"], ["T2_degC"])

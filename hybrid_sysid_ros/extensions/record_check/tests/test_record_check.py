@@ -269,6 +269,23 @@ def test_an_angle_that_is_noisy_or_stays_where_it_wraps_does_wrap(whole):
     assert turn_of("deg/s") is None
 
 
+def test_spikes_of_what_wanders_are_found_and_answers_to_steps_are_none():
+    random = np.random.default_rng(0)
+    signal = partial(CheckedSignal, name="y", unit="rad", period=0.01, is_input=False, noise=2e-3)
+    far = 40.0 * np.sin(np.linspace(0.0, 6.0, 4000)) + np.sin(np.linspace(0.0, 300.0, 4000))
+    wandering = far + 2e-3 * random.normal(size=4000)
+    assert list(sample_findings(signal(values=wandering))) == []
+    spiked = wandering.copy()
+    spiked[random.choice(4000, 25, replace=False)] += 4.0
+    (found,) = sample_findings(signal(values=spiked))
+    assert (found.kind, "25 spikes" in found.words) == ("spikes", True)
+    u = np.repeat(random.choice([-1.0, 1.0], 20), 200)
+    peaks = lfilter([1.0, -1.0], [1.0, -0.2], u) + 2e-3 * random.normal(size=4000)  # a pressure behind a valve
+    assert [item.kind for item in sample_findings(signal(values=peaks), [u])] == []
+    (found,) = sample_findings(signal(values=peaks), [np.roll(u, 100)])
+    assert found.kind == "spikes"
+
+
 def test_an_angle_that_wraps_and_an_impossible_value_have_their_own_names():
     time = np.linspace(0.0, 20.0, 2000)
     signal = partial(CheckedSignal, name="angle", unit="rad", period=0.01, is_input=False)
