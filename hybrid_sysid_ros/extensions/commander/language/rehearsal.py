@@ -42,12 +42,12 @@ class Rehearsal(CommandInterface):
         return self.check(text)
 
     def check(self, text: str) -> Reply:
+        if is_question(text):
+            return Reply(text=text, accepted=True, line=answered(self.state(), self._interpreter.vocabulary.rig))
         return self.check_from(text)
 
     def check_from(self, text: str, start: Start | None = None, reference: Array | None = None) -> Reply:
         """The same from a state, with references (outputs,) as they are shown; by default from rest."""
-        if is_question(text):
-            return Reply(text=text, accepted=True, line=answered(self.state(), self._interpreter.vocabulary.rig))
         with self._simulating:
             return self._interpreter.rehearse(text, start, reference)
 

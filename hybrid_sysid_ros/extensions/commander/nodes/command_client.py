@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply, RigState
 from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
+from hybrid_sysid_ros.extensions.commander.language.questions import answered, is_question
 from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, STOP, stop_in
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import LoopMonitor
@@ -132,6 +133,8 @@ class CommandClient(CommandInterface):
 
     def check(self, text: str) -> Reply:
         try:
+            if is_question(text):
+                return Reply(text=text, accepted=True, line=answered(self.state(), self._rig))
             rehearsal = self._configured()
             self._look()
             start, reference = self._monitor.start(rehearsal.system), self._monitor.reference()

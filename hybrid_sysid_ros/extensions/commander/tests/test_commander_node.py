@@ -369,6 +369,8 @@ def test_a_client_tells_where_the_rig_is_and_what_would_come_of_a_command(
     assert found.outputs == {"position [V]": pytest.approx(1.0, abs=0.2)}
     assert -10.0 <= found.inputs["drive [V]"] <= 10.0
     assert found.standstill == ""
+    for ask in (client.say, client.check):
+        assert "of 1 V asked, from -8 to 8; drive" in call(ask, "where is the beam?").line
     loop.plant.deactivate()  # alone: in lockstep a loop never rests
     checked = call(client.check, "go up by 1 V")
     assert checked.line.startswith("position from 1 V (1.3 deg) to 2 V (2.6 deg)")
