@@ -122,6 +122,8 @@ def command(
         signals = out.with_name(f"{out.name}.signals.yaml")
         video_record.write_signals(signals, described, joint)
         tell.print(f"{signals}: for hybrid-sysid identify {out} --signals {signals}")
+    else:
+        tell.print(f"{out} has no inputs, so no model comes of it: name the bag that was recorded meanwhile (--bag)")
     if page is not None:
         provenance = _provenance({"film": video} | ({"bag": bag} if bag is not None else {}))
         write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
