@@ -137,7 +137,7 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
 
 def _is_bare(item: Quantity, clause: Clause, vocabulary: Vocabulary, *, first: bool) -> bool:
     """Whether a value needs no verb: it measures an output ("60 rpm"), or goes on with what the part before does."""
-    if item.kind in SWUNG or item.role not in ("", "at"):
+    if item.kind in SWUNG or item.role not in (("", "at") if first else ("", "at", "to")):
         return False
     own = (unit for k in vocabulary.tracked for unit in vocabulary.units_of(k))
     measures = item.unit is not None and any(map(item.unit.alike, own))

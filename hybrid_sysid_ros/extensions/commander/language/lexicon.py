@@ -31,8 +31,8 @@ NOUNS = {
     "frequency": "f", "period": "q",
 }  # fmt: skip
 SHARES = {
-    "half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "two_thirds": 2.0 / 3.0, "three_quarters": 0.75,
-    "double": 2.0, "triple": 3.0,
+    "half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "fifth": 0.2, "tenth": 0.1, "two_thirds": 2.0 / 3.0,
+    "three_quarters": 0.75, "double": 2.0, "triple": 3.0,
 }  # fmt: skip
 CONDITION = ("once", "if", "until", "settled", "it_is", "equals", "reaches", "becomes", "above", "below")
 """Parts of a condition, which mean nothing apart."""
@@ -69,7 +69,6 @@ class Lexicon:
             self._enter(found, category, (("V", category),))
         self._enter(found, "over_to", (("V", "go"), ("T", "to")))
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))
-        self._enter(found, "half_of_present", (("S", 0.5), ("N", "present")))
         self._enter(found, "level", (("n", "position"), ("V", "home")))
         self._enter(found, "back", (("y", "change"), ("V", "back")))
         for category in ("displace", "change"):
@@ -84,6 +83,7 @@ class Lexicon:
                 self._enter(found, category, (("V", "go"), ("U", sign), ("h", noun)))
         for category, sign in {"up": 1.0, "down": -1.0}.items():
             self._enter(found, category, (("U", sign),))
+        self._enter(found, "more", (("+", 1.0),))
         for category, sign in {"faster": 1.0, "slower": -1.0}.items():
             self._enter(found, category, (("M", sign),))
         for category in ("slowly", "quickly"):
@@ -105,7 +105,7 @@ class Lexicon:
         """Phrases of conditions and of other words that are looked for in their place only."""
         return {
             category: frozenset(tuple(folded(phrase).split()) for phrase in self.table.get(category, ()))
-            for category in (*CONDITION, "articles", "point", "object", "to", "ask")
+            for category in (*CONDITION, "articles", "point", "object", "to", "ask", "definite")
         }
 
     @cached_property
@@ -117,7 +117,7 @@ class Lexicon:
     def parts_of_one(self) -> Mapping[tuple[str, ...], float]:
         """Half, a third ... by their phrases."""
         shares = {name: share for name, share in SHARES.items() if share < 1.0}
-        return {tuple(text.split()): share for name, share in shares.items() for text in self.table[name]}
+        return {tuple(text.split()): share for name, share in shares.items() for text in self.table.get(name, ())}
 
     @cached_property
     def parts_more(self) -> Mapping[tuple[str, ...], float]:

@@ -42,7 +42,7 @@ class _Found(NamedTuple):
 
     @property
     def text(self) -> str:
-        return " ".join(symbol.text for symbol in self.part)
+        return " ".join(symbol.text for symbol in self.part if symbol.text)
 
     @property
     def noun(self) -> str:
@@ -207,10 +207,15 @@ class _Matcher:
         if self.made.quantities and self.made.quantities[-1].role == "to":
             said = f"{self.made.quantities[-1].text} {found.text}"
             raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by', and leave out {found.text!r}")
-        self.made.directions.append(found.part[0])
+        self.made.directions = [*(each for each in self.made.directions if each.kind == "U"), found.part[0]]
+
+    def _note_more(self, found: _Found) -> None:
+        """Up, but beside a direction, as in "further down", it says that one again."""
+        if not self.made.directions:
+            self._note_direction(found)
 
     def _note_pace(self, found: _Found) -> None:
-        if found.letters == "c":
+        if found.letters[0] == "c":
             self.made.smoothly = True
         else:
             self.made.paces.append(found.part[0].value)

@@ -41,13 +41,14 @@ class Meaning(Goals):
         if "repeat" in found and len(found) > 1 and self.left:
             found.remove("repeat")
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
-        if found == ["repeat"] and changed:  # "the same but slower", "at half the amplitude", "again at 1 Hz"
-            found = ["go"]
         general = {"go", "step", "ramp", "back", *([] if clause.names else ["follow"])}  # "run a chirp"
         if set(found) & SPECIFIC:
             found = [verb for verb in found if verb not in general]
         if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
             found.remove("go")
+        slower = found == ["swing"] and clause.comparatives and not self.left  # "swing slower"
+        if slower or (found == ["repeat"] and changed):  # "the same but slower", "again at 1 Hz"
+            found = ["go"]
         if found in (["go", "back"], ["back", "go"]):
             found = ["back"]
         if found == ["back"]:

@@ -186,6 +186,8 @@ class _Reader(QuantityReader):
         elif count:
             self.mean(self.lexicon.meanings[tuple(words[:count])], " ".join(words[:count]))
             self.at += count
+            if self.found and self.found[-1].kind == "S" and self._definite():
+                self.found.append(Symbol("N", "present", ""))
         elif self.unit(text) is not None or self.longest(self.lexicon.units):
             raise UserError(f"{text!r} has no number before it: write for example '3 {text}'")
         else:
@@ -194,7 +196,7 @@ class _Reader(QuantityReader):
     def _without_sign(self, count: int) -> int:
         """How many of so many words are a phrase here: "a menos" says less, but "a menos cem rpm" goes to -100 rpm."""
         words = tuple(self.words[self.at : self.at + count])
-        if count < 2 or words[-1] not in self.lexicon.table["signs"] or self.lexicon.meanings[words][0][0] != "U":
+        if count < 2 or words[-1] not in self.lexicon.table["signs"] or self.lexicon.meanings[words][0][0] not in "U+":
             return count
         at, self.at = self.at, self.at + count - 1
         signed, self.at = self._number_follows(), at
@@ -223,6 +225,14 @@ class _Reader(QuantityReader):
         return self.at + 1 >= len(self.tokens) or not (
             self._number_follows() or self.tokens[self.at + 1].kind == "sign"
         )
+
+    def _definite(self) -> bool:
+        """Whether what a share is of is meant as it is: "half the speed", "a third of its height"."""
+        skip = (
+            1 if self.longest({words for words, said in self.lexicon.meanings.items() if said == (("o", "of"),)}) else 0
+        )
+        there = self.longest(self.lexicon.parts["definite"], skip=skip) or self.longest(self.lexicon.parts["definite"])
+        return bool(there) and bool(self._noun(skip + 1)[0] or self._noun(1)[0])
 
     def _asks_to_follow(self) -> bool:
         verbs = [symbol.value for symbol in self.found if symbol.kind == "V"]

@@ -110,5 +110,12 @@ FEW_WORDS: list[tuple[str, str, Any]] = [
     (WHEEL, "swing between 0 and 50 rpm 5 times in 20 s", [swing(0, 50, 0.25, 20)]),
     (BEAM, "sine of 1 V with a 4 second period for 8 s", [swing(-1, 1, 0.25, 8)]),
     (WHEEL, "top speed", [go(400)]),  # Portuguese has no "top" that "stop" would be a slip of
+    (BEAM, "half a volt further down", [by(-0.5)]),
+    (BEAM, "move up another half volt", [by(0.5)]),
+    (BEAM, "step to 2 V, then to -2 V", [step(2), step(-2)]),
+    (BEAM, "ramp to 2 V at a tenth of a volt per second", [ramp(2, rate=0.1)]),
+    (BEAM, "move by 1 V either way", Refused("how often")),
+    (JOINT, "go to a third of the speed by 5 rpm", Refused("several values")),
+    (CONE, "volte à altura inicial", [go(0, "height")]),
     (JOINT, "follow steps twice", [follow("steps"), follow("steps")]),
 ]
