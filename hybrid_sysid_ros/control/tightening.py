@@ -106,20 +106,25 @@ def tightened(
     course = _course(system, problem, between)
     gains = _regulator(system, problem, between[0]) if asked.feedback else np.zeros((m, n))
     values = problem.outputs_of(system)
-    jacobians = [_jacobians(system, values, problem, free, x, u) for x, u in course]
+    periods = [(u, *_jacobians(system, problem, free, x, u)) for x, u in course]
     size = n + len(staying)
     widest = np.zeros((problem.horizon, n + len(problem.terms)))
-    for begin in range(len(jacobians) - problem.horizon + 1):
+    for begin in range(len(periods) - problem.horizon + 1):
         spread = np.zeros((size, size))
         spread[:n, :n], spread[n:, n:] = estimated, staying
         for i in range(problem.horizon):
-            a, b, by_staying, seen = jacobians[begin + i]
-            whole, answered = np.eye(size), b @ gains * (i > 0)
-            whole[:n, :n], whole[:n, n:] = a - answered, by_staying
+            u, end, a, by_staying = periods[begin + i]
+            by_state, by_input = _terms(system, values, problem, end, u, i)
+            answer = gains * (i > 0)  # u = -K (x + e), with the error e of the estimate
+            whole, by_error = np.eye(size), by_staying[:, :m] @ answer
+            whole[:n, :n], whole[:n, n:] = a - by_error, by_staying
+            term = by_state @ whole[:n]
+            term[:, :n] -= by_input @ answer
+            seen, errors = np.vstack([whole[:n], term]), np.vstack([by_error, by_state @ by_error + by_input @ answer])
+            variances = _quadratic(seen, spread) + _quadratic(errors, estimated)
+            widest[i] = np.maximum(widest[i], np.sqrt(np.maximum(variances, 0.0)))
             spread = whole @ spread @ whole.T
-            spread[:n, :n] += answered @ estimated @ answered.T
-            variances = [np.diag(spread)[:n], np.einsum("ij,jk,ik->i", seen, spread[:n, :n], seen)]
-            widest[i] = np.maximum(widest[i], np.sqrt(np.maximum(np.concatenate(variances), 0.0)))
+            spread[:n, :n] += by_error @ estimated @ by_error.T
     factor = NormalDist().inv_cdf(1.0 - (1.0 - asked.share) / max(asked.periods, problem.horizon))
     margins = [tuple(column) for column in (factor * widest.T).tolist()]
     terms = tuple(
@@ -163,25 +168,39 @@ def _course(system: System, problem: ControlProblem, between: Sequence[Array]) -
     return list(zip(found.states[:-1], found.inputs, strict=True))
 
 
+def _quadratic(rows: Array, covariance: Array) -> Array:
+    """Variance of each row's sum (rows,) of what has a covariance."""
+    return np.einsum("ij,jk,ik->i", rows, covariance, rows)
+
+
 def _jacobians(
-    system: System, values: System, problem: ControlProblem, free: Sequence[int], x: Array, u: Array
-) -> tuple[Array, Array, Array, Array]:
-    """A, B and [B, derivatives by the free parameters] of a period, and the derivatives of the terms at its end."""
+    system: System, problem: ControlProblem, free: Sequence[int], x: Array, u: Array
+) -> tuple[Array, Array, Array]:
+    """The state at the end of a period, A, and derivatives [B, those by the free parameters]."""
     n, m, step = len(x), len(u), problem.period / problem.substeps
     a, rest = np.eye(n), np.zeros((n, m + len(free)))
     columns = slice(n, n + m + len(free))
     for _ in range(problem.substeps):
         x, jacobian = step_with_jacobian(system, x, u, step=step, smoothing=problem.smoothing, learn=bool(free))
         a, rest = jacobian[:, :n] @ a, jacobian[:, :n] @ rest + jacobian[:, columns]
-    drive = np.concatenate([u, problem.stage_values[0], np.zeros(m)])[: len(values.inputs)]
+    return x, a, rest
+
+
+def _terms(
+    system: System, values: System, problem: ControlProblem, x: Array, u: Array, stage: int
+) -> tuple[Array, Array]:
+    """Derivatives of the terms of a stage by the state (terms, n) and by the inputs (terms, m)."""
+    n, m, step = len(x), len(u), problem.period / problem.substeps
+    drive = np.concatenate([u, problem.stage_values[stage], np.zeros(m)])[: len(values.inputs)]
     _, jacobian = step_with_jacobian(values, x, drive, step=step, output=True)
-    return a, rest[:, :m], rest, jacobian[len(system.outputs) :, :n]
+    jacobian = jacobian[len(system.outputs) :]
+    return jacobian[:, :n], jacobian[:, n : n + m]
 
 
 def _regulator(system: System, problem: ControlProblem, outputs: Array) -> Array:
     """Gains K (m, n) of u = -K x about rest at outputs (p,), by the problem's weights."""
     rest = steady_motion(system, problem, outputs)
-    a, b, _, _ = _jacobians(system, system, problem, [], rest.state, rest.inputs)
+    _, a, b = _jacobians(system, problem, [], rest.state, rest.inputs)
     _, c, _ = jacobian_at(system, problem, rest.state, rest.inputs, output=True)
     weights = problem.stage_weights
     seen = c.T @ (weights.outputs[0, : len(c), None] * c)

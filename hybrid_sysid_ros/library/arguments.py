@@ -179,11 +179,20 @@ def choice_of(value: object, argument: str, names: Collection[str]) -> str:
     return value
 
 
+def plain(value: Any) -> Any:
+    """Lists and Python's numbers for arrays, ranges, tuples and NumPy's numbers, in mappings and lists, too."""
+    if isinstance(value, Mapping):
+        return {name: plain(item) for name, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [plain(item) for item in value] if isinstance(value, list | tuple | range) else value
+
+
 def mapping_of(value: object, argument: str, example: str) -> dict[str, Any]:
-    """A mapping by name; empty for None."""
+    """A mapping by name, as :func:`plain`; empty for None."""
     if value is not None and not isinstance(value, Mapping):
         raise UserError(f"{argument} is {shown(value)}; give a mapping by name, such as {example}")
-    return dict(value or {})
+    return dict(plain(value or {}))
 
 
 def part_of(value: PartLike, argument: str = "part") -> Part:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,9 @@ def mpc(
     stage_parameters: Mapping[str, Any] | None = None,
     final_output_weights: ArrayLike | None = None,
     riccati_at: ArrayLike | None = None,
-    intervals: Sequence[int] | None = None,
-    blocks: Sequence[int] | None = None,
-    operating_point: Sequence[float] | None = None,
+    intervals: ArrayLike | None = None,
+    blocks: ArrayLike | None = None,
+    operating_point: ArrayLike | None = None,
     tightening: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     solver: str = "exact",
@@ -68,13 +68,13 @@ def mpc(
     more = arguments.mapping_of(terms, "terms", '{"power": {"value": "voltage**2", "price": 1.0}}')
     stage = arguments.mapping_of(stage_parameters, "stage_parameters", '{"limit": 1.0}')
     further: dict[str, Any] = {"intervals": intervals, "blocks": blocks, "operating_point": operating_point}
-    further |= {"terms": more or None, "stage_parameters": stage or None}
+    further = {**arguments.plain(further), "terms": more or None, "stage_parameters": stage or None}
     for name, values_at in (("riccati_at", riccati_at), ("final_output_weights", final_output_weights)):
         if values_at is not None:
             further[name] = np.atleast_1d(arguments.array_of(values_at, name)).tolist()
     covariance = None
     if tightening is not None:
-        further["tightening"] = tightening
+        further["tightening"] = arguments.plain(tightening)
         covariance = None if "parameters" in tightening else covariance_of(used, system)
     given = {name: value for name, value in further.items() if value is not None}
     problem = mpc_problem(values, described, system, further=given, covariance=covariance)

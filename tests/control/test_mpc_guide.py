@@ -33,3 +33,16 @@ def test_a_problem_may_be_economic_alone():
     plan = mpc.control(np.zeros(2), np.zeros(1), np.zeros(1), np.zeros((mpc.horizon, 1)))
     assert plan.states[-1, 0] > 0.05
     assert "terms far" in repr(mpc)
+
+
+def test_numbers_of_numpy_are_numbers():
+    prices = np.linspace(0.0, 1.0, 8)
+    mpc: Any = hs.mpc(
+        "cam_beam",
+        terms={"far": {"value": "position", "price": prices, "weight": np.float32(3), "high": np.int64(1)}},
+        intervals=np.array([1, 1, 2, 4]),
+        parameters={"output_weight": np.array([2.0]), "horizon": np.int64(8)},
+    )
+    assert mpc.problem.terms[0].price == tuple(prices.tolist())
+    assert mpc.problem.terms[0].weight == (3.0,)
+    assert list(mpc.problem.intervals) == [1, 1, 2, 4]

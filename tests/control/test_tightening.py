@@ -12,7 +12,7 @@ from scipy.special import ndtri
 from hybrid_sysid_ros.control import ExactMpc, StageTerm, scenarios
 from hybrid_sysid_ros.control.scenarios import Scenario
 from hybrid_sysid_ros.control.steady_motion import jacobian_at
-from hybrid_sysid_ros.control.tightening import Tightening, tightened
+from hybrid_sysid_ros.control.tightening import Tightening, _jacobians, _regulator, tightened
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import plant_near
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.two_inputs import PROBLEM, Carts
@@ -54,6 +54,28 @@ def test_a_term_has_the_band_of_its_state():
     term = (StageTerm(name="first_high", value="2 * first", high=0.4),)
     found = tightened(CARTS, replace(BOUNDED, terms=term), Tightening(**FIELDS))
     np.testing.assert_allclose(found.terms[0].margin, 2.0 * np.array(found.state_margins[0]), rtol=1e-9)
+
+
+def test_a_term_with_a_parameter_of_the_stage_has_that_stages_band():
+    """Such as an obstacle that moves, whose derivative does."""
+    factors = np.linspace(0.5, 3.0, BOUNDED.horizon)
+    term = (StageTerm(name="scaled", value="factor * first", high=4.0),)
+    problem = replace(BOUNDED, terms=term, stage_parameters=(("factor", tuple(factors.tolist())),))
+    found = tightened(CARTS, problem, Tightening(**FIELDS))
+    np.testing.assert_allclose(found.terms[0].margin, factors * np.array(found.state_margins[0]), rtol=1e-9)
+
+
+def test_a_term_with_an_input_has_the_band_of_what_the_feedback_answers():
+    """In the first stage the plan's input is given; in the second u = -K (x + e), with e as large as x was at first."""
+    term = (StageTerm(name="power", value="first_force + 0.0 * first", high=50.0),)
+    found = tightened(CARTS, replace(BOUNDED, terms=term), Tightening(**FIELDS))
+    margins = np.array(found.terms[0].margin)
+    assert margins[0] == 0.0
+    _, a, b = _jacobians(CARTS, BOUNDED, [], np.zeros(4), np.zeros(2))
+    gains, errors = _regulator(CARTS, BOUNDED, np.zeros(2)), np.diag(np.square(ERRORS))
+    asked = ndtri(1.0 - 0.001 / BOUNDED.horizon) * np.sqrt((gains @ (a @ errors @ a.T + errors) @ gains.T)[0, 0])
+    assert margins[1] == pytest.approx(asked, rel=1e-6)
+    assert b.shape == (4, 2)
 
 
 def test_the_stated_share_of_loops_keeps_a_bound_that_the_plain_problem_does_not():
