@@ -103,6 +103,24 @@ def test_while_a_network_drives_the_exact_mpc_follows(case, real_time):
         np.testing.assert_allclose(followed.inputs, alone.shooting.horizon.inputs, atol=1e-6)
 
 
+def test_in_real_time_a_period_has_one_step_whoever_answers(case):
+    """Where the network is rejected, the answer is that of the exact MPC alone, in real time, too."""
+    generous = TOLERANCES._replace(floor=1e9, patience=1, step=(0.05,))
+    supervisor = Supervisor(broken_policy(case), ExactMpc(case.system, case.problem, real_time=True), generous)
+    alone, asked, statuses = ExactMpc(case.system, case.problem, real_time=True), next(instances(case, 1)), []
+    for off in (False, False, False, True, True, True, False, False, False):
+        plan, own = (each.control(*(bad(asked) if off else asked)) for each in (supervisor, alone))
+        statuses.append(plan.status)
+        if plan.status is not Status.POLICY:
+            assert plan.status is own.status
+            np.testing.assert_allclose(plan.inputs, own.inputs, atol=1e-9)
+        np.testing.assert_allclose(supervisor.mpc.shooting.horizon.inputs, alone.shooting.horizon.inputs, atol=1e-9)
+        supervisor.prepare(0.0)
+        alone.prepare(0.0)
+    rejected = [Status.ITERATED] * 5
+    assert statuses == [Status.SOLVED, Status.ITERATED, Status.POLICY, *rejected, Status.POLICY]
+
+
 def test_answers_count_as_good_that_are_near_those_of_the_exact_mpc_beside_them(case):
     asked, step = next(instances(case, 1)), 0.05
     supervisor = supervisor_of(case, broken_policy(case), TOLERANCES._replace(floor=1e9, patience=2, step=(step,)))

@@ -198,10 +198,10 @@ class Work(Shared):
 
 
 PROGRESS = np.dtype(
-    [("steps", np.int64), ("residual", np.float64), ("with_curvature", np.bool_), ("foreseen", np.int64)]
+    [("steps", "i8"), ("residual", "f8"), ("with_curvature", "?"), ("foreseen", "i8"), ("cost", "f8")]
 )
-"""Progress of a solution: steps made, the residual before the last one, whether curvature is used, and how many
-real-time steps in a row cost what was predicted.
+"""Progress of a solution: steps made, the residual before the last one, whether curvature is used, how many real-time
+steps in a row cost what was predicted, and what the newest of them costs, NaN where that was not simulated.
 """
 
 

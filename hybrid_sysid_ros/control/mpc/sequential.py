@@ -133,9 +133,10 @@ def improve(
 @inner
 def foreseen(horizon: Horizon, expected: float, change: float, found: float) -> bool:
     """Whether a simulated plan costs what its linear model predicts, see :func:`_as_expected`. How often in a row that
-    was so is counted.
+    was so is counted, and the cost kept.
     """
     progress = horizon.progress[0]
+    progress.cost = found
     progress.foreseen = progress.foreseen + 1 if _as_expected(expected, change, found) else 0
     return progress.foreseen > 0  # type: ignore[no-any-return]
 
@@ -153,6 +154,7 @@ def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, an
     assign(horizon.disturbance, instance.disturbance)
     clamp_inputs(horizon, instance.previous, horizon.inputs, True)
     progress = horizon.progress[0]
+    progress.cost = np.nan
     if anew:
         progress.steps, progress.residual, progress.with_curvature = 0, 0.0, False
     look_along(prediction, horizon, instance, True)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.mpc.calls import (
     FAILED,
     HELD,
+    ITERATED,
     POLICY,
     MpcMemory,
     adopt_plan,
@@ -29,7 +30,7 @@ from hybrid_sysid_ros.control.mpc.calls import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow, set_stage
-from hybrid_sysid_ros.control.mpc.shooting import CONVERGE, answer
+from hybrid_sysid_ros.control.mpc.shooting import FEEDBACK, answer
 from hybrid_sysid_ros.control.policy.kernels import inside, network_answer
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -111,10 +112,42 @@ def begin_supervision(own: SupervisorMemory) -> None:
 def answer_supervised(own: SupervisorMemory, instance: Instance, solve: Solve, needs: Any) -> None:
     """The policy's plan where it passes the check, else that of the exact MPC, the rest of its last one, or the last
     inputs; it is in ``planned`` of the horizon. instance: views of ``own.flat``.
+
+    In real time with steps the exact MPC makes its step first, and the check compares with that: a period has one step
+    whoever answers.
     """
-    if not accept(own, instance):
+    if own.steps != 0 and own.mpc.real_time != 0:
+        solve(own.mpc, instance, needs)
+        if not accept_beside_step(own, instance):
+            fall_back(own, instance)
+    elif not accept(own, instance):
         solve(own.mpc, instance, needs)
         fall_back(own, instance)
+
+
+@inner
+def accept_beside_step(own: SupervisorMemory, instance: Instance) -> bool:
+    """Whether the policy answers in place of the exact MPC's step, which was just made and stays its plan: it does
+    where they agree.
+
+    The next step is made around the state that is given then: so no period prepares a program beside its own step.
+    """
+    mpc, course = own.mpc, own.course[0]
+    mpc.horizon.progress[0].foreseen = 0
+    course.unsolved, course.reason = 0, WAITING
+    if mpc.call[0].status != ITERATED:  # a solution from a cold start, or none
+        own.inputs[0, 0] = math.nan
+        return False
+    course.reason = simulate_policy(own, instance)
+    if course.reason == ACCEPTED and not _agrees(own, mpc.horizon.last.inputs, mpc.horizon.progress[0].cost):
+        course.reason = IMPROVED
+    if course.reason != ACCEPTED:
+        course.waiting = own.patience
+    elif course.waiting > 0:
+        course.reason = WAITING
+    else:
+        _take(own)
+    return course.reason == ACCEPTED  # type: ignore[no-any-return]
 
 
 @inner
@@ -125,12 +158,18 @@ def accept(own: SupervisorMemory, instance: Instance) -> bool:
     course.reason = _checked(own, instance)
     if course.reason != ACCEPTED:
         return False
-    course.unplanned = 0.0
     if own.steps == 0:
         adopt_plan(own.mpc, instance.disturbance, own.inputs, own.states)
+    _take(own)
+    return True
+
+
+@inner
+def _take(own: SupervisorMemory) -> None:
+    """Answer by the policy's plan."""
+    own.course[0].unplanned = 0.0
     own.mpc.call[0].status = POLICY
     assign_rows(own.inputs, own.mpc.horizon.planned)
-    return True
 
 
 @inner
@@ -177,12 +216,26 @@ def _checked(own: SupervisorMemory, instance: Instance) -> int:
 
 @inner
 def check(own: SupervisorMemory, instance: Instance) -> int:
-    """Check the policy's plan against the shifted one of the exact MPC; write its inputs, simulated states and cost.
+    """Check the policy's plan by :func:`simulate_policy` and against the shifted one of the exact MPC.
 
-    It is accepted where the instance is within the training range, the disturbance is not too large, and the plan's
-    simulation is finite, keeps the bounds of inputs, of their changes and, within the tolerance, of states, and costs
-    no more. The shifted plan's own violation does not count: otherwise each plan could violate bounds a little more
-    than the last, and after a push the exact MPC may find a plan without a violation.
+    It is accepted where it costs no more. The shifted plan's own violation does not count: otherwise each plan could
+    violate bounds a little more than the last, and after a push the exact MPC may find a plan without a violation.
+    """
+    horizon, reason = own.mpc.horizon, simulate_policy(own, instance)
+    if reason != ACCEPTED:
+        return reason  # type: ignore[no-any-return]
+    shifted, _ = follow(own.mpc.prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
+    if not math.isfinite(shifted):
+        return ACCEPTED
+    return COSTLIER if own.cost[0] > (1.0 + own.share) * shifted + own.floor else ACCEPTED
+
+
+@inner
+def simulate_policy(own: SupervisorMemory, instance: Instance) -> int:
+    """Write the policy's inputs, simulated states and cost.
+
+    They are accepted where the instance is within the training range, the disturbance is not too large, and the plan's
+    simulation is finite and keeps the bounds of inputs, of their changes and, within the tolerance, of states.
     """
     prediction, horizon = own.mpc.prediction, own.mpc.horizon
     if not network_answer(own.sizes, own.numbers, own.flat, own.inputs):
@@ -194,13 +247,8 @@ def check(own: SupervisorMemory, instance: Instance) -> int:
         return OUT_OF_RANGE
     if not _bounded(instance, horizon, own.inputs) or not _allowed(prediction, horizon, instance, own.inputs):
         return INFEASIBLE
-    shifted, _ = follow(prediction, horizon.weights, instance, horizon.inputs, own.states)
     own.cost[0], outside = follow(prediction, horizon.weights, instance, own.inputs, own.states)
-    if not math.isfinite(own.cost[0]) or outside > own.violation:
-        return INFEASIBLE
-    if not math.isfinite(shifted):
-        return ACCEPTED
-    return COSTLIER if own.cost[0] > (1.0 + own.share) * shifted + own.floor else ACCEPTED
+    return ACCEPTED if math.isfinite(own.cost[0]) and outside <= own.violation else INFEASIBLE
 
 
 @inner
@@ -249,34 +297,34 @@ def _allowed(prediction: PredictionModel, horizon: Horizon, instance: Instance, 
 
 @inner
 def _stepped(own: SupervisorMemory, instance: Instance) -> int:
-    """IMPROVED unless one step of the exact MPC leaves the last plan nearly as it is, and the network agrees with it in
-    its first inputs and, but for the noise that is allowed, in its cost.
-
-    A plan that a step moves, if only later on, may be far from the solution, so that nobody knows what the network
-    should have answered. The last plan stays as it was, but for one in real time that they agree with: this step is all
-    there is.
-    """
+    """IMPROVED unless one step of the exact MPC and the network agree by :func:`_agrees`. The last plan stays."""
     mpc, horizon, near = own.mpc, own.mpc.horizon, False
     assign_rows(horizon.inputs, own.kept_inputs)
     assign_rows(horizon.states, own.kept_states)
     assign(own.kept_disturbance, horizon.disturbance)
-    call = mpc.call[0]
-    if call.way == CONVERGE:
-        linearise_plan(mpc)
-    way = call.way
-    if way != CONVERGE:
-        call.way = CONVERGE
-        found = answer(mpc.prediction, horizon, mpc.program, instance, 1, mpc.tolerance, False, way, True)
-        near = found.iterations > 0 and _near(own, horizon.planned[0], own.inputs[0])
-        for i in range(horizon.planned.shape[0]):
-            near = near and _near(own, horizon.planned[i], own.kept_inputs[i])
-        if near:
-            cost, _ = follow(mpc.prediction, horizon.weights, instance, horizon.planned, horizon.simulated)
-            near = own.cost[0] <= cost + own.noise
-    if not (near and mpc.real_time != 0):
-        adopt_plan(mpc, own.kept_disturbance, own.kept_inputs, own.kept_states)
-        own.course[0].unsolved = 1 if near else 0
+    linearise_plan(mpc)
+    if mpc.call[0].way == FEEDBACK:
+        found = answer(mpc.prediction, horizon, mpc.program, instance, 1, mpc.tolerance, False, FEEDBACK, True)
+        cost, _ = follow(mpc.prediction, horizon.weights, instance, horizon.planned, horizon.simulated)
+        near = found.iterations > 0 and _agrees(own, own.kept_inputs, cost)
+    adopt_plan(mpc, own.kept_disturbance, own.kept_inputs, own.kept_states)
+    own.course[0].unsolved = 1 if near else 0
     return ACCEPTED if near else IMPROVED
+
+
+@inner
+def _agrees(own: SupervisorMemory, before: Array, cost: float) -> bool:
+    """Whether a step of the exact MPC has left its last plan ``before`` (N, m) nearly as it was, and the network agrees
+    with it in its first inputs and, but for the noise that is allowed, in its cost.
+
+    A plan that a step moves, if only later on, may be far from the solution, so that nobody knows what the network
+    should have answered.
+    """
+    planned = own.mpc.horizon.planned
+    near = own.cost[0] <= cost + own.noise and _near(own, planned[0], own.inputs[0])
+    for i in range(planned.shape[0]):
+        near = near and _near(own, planned[i], before[i])
+    return near  # type: ignore[no-any-return]
 
 
 @inner
@@ -302,12 +350,15 @@ def forget_supervised(own: SupervisorMemory) -> None:
 
 @kernel
 def call_supervised(own: SupervisorMemory, instance: Instance, purpose: int, iterations: int) -> int:
-    """:func:`accept` for Python, and where it does not, a call of the exact MPC; the status.
+    """:func:`accept` for Python, and where it does not, a call of the exact MPC, or that call first; the status.
 
     One function for all purposes, since the solver takes longest to compile.
     """
-    if purpose != NOTHING and (purpose != ANSWER or not accept(own, instance)):
+    first = purpose == ANSWER and own.steps != 0 and own.mpc.real_time != 0
+    if purpose != NOTHING and (first or purpose != ANSWER or not accept(own, instance)):
         solve_within(own.mpc, instance, iterations, purpose != GO_ON)
+        if first:
+            accept_beside_step(own, instance)
     return own.mpc.call[0].status  # type: ignore[no-any-return]
 
 

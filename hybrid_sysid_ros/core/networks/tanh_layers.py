@@ -22,6 +22,9 @@ WIDEST = 4096
 WIDE, HALF = 32, 16
 """Units side by side, where a layer has whole multiples of them: some registers of this machine."""
 
+CHAINS = 2
+"""Independent sums of each unit, 1 or 2, so that an addition need not wait for the one before."""
+
 
 def widths_of(layers: NetworkLayers) -> tuple[int, ...]:
     """Numbers of features, of units of each layer, and of outputs. Raises UserError where layers don't fit."""
@@ -88,10 +91,15 @@ def forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: Any
 
 @inner
 def column_sum(w: Any, at: int, width: int, factors: Any, count: int, start: Any, lanes: int) -> Any:
-    """Return start + sum_j column_j factor_j for ``lanes`` units, in two independent chains.
+    """Return start + sum_j column_j factor_j for ``lanes`` units, in CHAINS independent sums.
 
     Columns are ``width`` numbers apart, the first at w[at:].
     """
+    if CHAINS == 1:
+        total = start
+        for j in range(count):
+            total = plus_scaled(total, load_numbers(w, at + j * width, lanes), factors[j])
+        return total
     even, odd = start, zero(lanes)
     for j in range(0, count - 1, 2):
         even = plus_scaled(even, load_numbers(w, at + j * width, lanes), factors[j])

@@ -58,8 +58,8 @@ static void @{name}_exchange(@{name}_memory *unit, int which)
     unit->filter = other;
 }
 """
-NARROW = {"WIDE": 8, "HALF": 8}
-"""Units of a network side by side: their sums fit into the registers of a small processor."""
+NARROW = {"WIDE": 8, "HALF": 8, "CHAINS": 1}
+"""Units of a network side by side, in one sum each: they fit into the registers of a small processor."""
 RESIDUAL = 1e-4
 """Residual at which an iteration in floats has converged: smaller ones are rounding, and it would never end."""
 
