@@ -64,7 +64,7 @@ def program(policy: str, place: Path) -> Path:
     for file, text in (texts | plant.texts(about="the plant") | {"composed.c": own}).items():
         (place / file).write_text(text, encoding="utf-8")
     copy_to(daqp(None), place / "daqp")
-    common = [by, *FLAGS, "-w", "-I", str(place), "-I", str(place / "daqp")]
+    common = [by, *FLAGS, "-w", "-I", str(place)]
     objects = []
     for path in sorted((place / "daqp").glob("*.c")):
         objects.append(str(place / f"daqp_{path.stem}.o"))

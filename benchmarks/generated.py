@@ -69,7 +69,7 @@ def own(by: str, place: Path) -> dict[str, Any]:
     build(by, folder, done.name, into, flags=("-g",))
     objects = sorted(into.glob("*.o"))
     source = folder / f"{done.name}_test.c"
-    includes = ["-I", str(folder), "-I", str(folder / "daqp")]
+    includes = ["-I", str(folder)]
     subprocess.run([by, *FLAGS, "-g", *includes, *map(str, (source, *objects)), "-o", test, "-lm"], check=True)
     counts = instructions([test], (f"{done.name}_step", f"{done.name}_prepare"), f"{done.name}_prepare", place)
     return _row(counts, code=size_of(objects), libraries=0, memory=done.bytes)

@@ -67,7 +67,7 @@ def fuzzed(unit: Path, name: str, loop: PythonLoop, objects: list[Path], *, call
 
 
 def _common(unit: Path) -> list[str]:
-    return [compiler.found() or "cc", *SANITIZED, "-I", str(unit), "-I", str(unit / "daqp")]
+    return [compiler.found() or "cc", *SANITIZED, "-I", str(unit)]
 
 
 def _loop(rig_name: str, policy: str, calls: int) -> str:

@@ -141,18 +141,7 @@ def _make(
         (place / file).write_text(text, encoding="utf-8")
     copy_to(daqp(None), place / "daqp")
     further = tuple(shlex.split(os.environ.get(FURTHER_FLAGS, "")))
-    common = [
-        by,
-        *FLAGS,
-        *further,
-        "-I",
-        str(place),
-        "-I",
-        str(place / "daqp"),
-        "-I",
-        str(TEMPLATES),
-        *libraries.include,
-    ]
+    common = [by, *FLAGS, *further, "-I", str(place), "-I", str(TEMPLATES), *libraries.include]
     objects, running = [], []
     for source in (place / "rig.c", *sorted(TEMPLATES.glob("*.c"))):
         objects.append(place / f"node_{source.stem}.o")

@@ -170,14 +170,14 @@ def of_loop(rig: Rig, python: PythonLoop, folder: Path, *, name: str, title: str
 def files_of(folder: Path, name: str) -> dict[str, str]:
     """The texts of an exported loop's files, and NAME_solver.c: all of DAQP, which gets its memory from the loop's."""
     daqp, own = sorted((folder / "daqp").glob("*.[ch]")), (folder / f"{name}{ending}" for ending in (".c", ".h"))
-    files = {path.name: path.read_text(encoding="utf-8") for path in (*daqp, *own)}
+    files = {path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in (*daqp, *own)}
     renamed = ("malloc", "allocate"), ("calloc", "allocate_zeros"), ("free", "release")
     lines = ["/* DAQP, with the loop's memory in place of malloc's. Generated; do not edit. */"]
     lines += [f"#include <{header}.h>" for header in ("math", "stddef", "stdio", "stdlib", "string")]
     lines += ["", f"void *{name}_allocate(size_t size);", f"void *{name}_allocate_zeros(size_t count, size_t size);"]
     lines += [f"void {name}_release(void *memory);", ""]
     lines += [f"#define {old} {name}_{new}" for old, new in renamed]
-    lines += ["", *(f'#include "{path.name}"' for path in daqp if path.suffix == ".c"), ""]
+    lines += ["", *(f'#include "daqp/{path.name}"' for path in daqp if path.suffix == ".c"), ""]
     return files | {f"{name}_solver.c": "\n".join(lines)}
 
 

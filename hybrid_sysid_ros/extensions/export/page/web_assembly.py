@@ -42,6 +42,7 @@ def module_of(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
     with TemporaryDirectory() as scratch:
         root = Path(scratch)
         for name, text in files.items():
+            (root / name).parent.mkdir(exist_ok=True)
             (root / name).write_text(text, encoding="utf-8")
         command = [sys.executable, "-m", "ziglang", "cc", *FLAGS, *sources, "-o", "module.wasm"]
         compile_source(command, f"export: {sources[0]}", root, by="ziglang")

@@ -42,7 +42,7 @@ def test_the_package_compiles_against_declared_headers_and_commands_as_in_python
     assert declared[f"{done.name}_controller"]["command_interfaces"]["default_value"] == ["wheel/effort"]
     (tmp_path / f"{done.name}_controller_parameters.hpp").write_text(PARAMETERS.format(name=done.name))
     unit = package / "unit"
-    places = [package / "include", unit, unit / "daqp", tmp_path, HEADERS]
+    places = [package / "include", unit, tmp_path, HEADERS]
     include = [part for place in places for part in ("-I", str(place))]
     renamed = [f"-Dmalloc={done.name}_allocate", f"-Dcalloc={done.name}_allocate_zeros", f"-Dfree={done.name}_release"]
     sources = [unit / f"{done.name}.c", *sorted((unit / "daqp").glob("*.c"))]

@@ -42,7 +42,7 @@ def build(compiler: str, folder: Path, name: str, into: Path, *, flags: tuple[st
 
     Raises UserError where the compiler refuses a file, or finds anything to warn of in NAME.c.
     """
-    common = [compiler, *FLAGS, *flags, "-fPIC", "-I", str(folder), "-I", str(folder / "daqp"), "-c"]
+    common = [compiler, *FLAGS, *flags, "-fPIC", "-I", str(folder), "-c"]
     objects = [into / "unit.o"]
     compile_source([*common, *WARNINGS, "-Werror", str(folder / f"{name}.c"), "-o", str(objects[0])], f"{name}.c")
     for path in sorted((folder / "daqp").glob("*.c")):

@@ -306,6 +306,7 @@ def _write_rest(
         "more": "",
         "same": "1; /* which of two thresholds a float passes is rounding */" if single else SAME,
         "definitions": "DAQP_SINGLE_PRECISION" if single else "",
+        "options": " -DDAQP_SINGLE_PRECISION" if single else "",
         "checks": "\n".join(
             f"- {done.periods[kind]} {kind} periods: largest difference of the inputs"
             f"{f' in {MOST:.0%} of them' if kind != 'recorded' else ''} {parts['inputs']:.1e}, of the "

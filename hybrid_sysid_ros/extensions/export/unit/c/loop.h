@@ -5,7 +5,7 @@
 #ifndef @{NAME}_H
 #define @{NAME}_H
 
-@single#include "api.h"
+@single#include "daqp/api.h"
 
 #include <stddef.h>
 
