@@ -126,12 +126,14 @@ int main(int argc, char **argv)
     CHECK(rcl_init_options_init(&options, allocator));
     context = rcl_get_zero_initialized_context();
     CHECK(rcl_init(argc, (char const *const *)argv, &options, &context));
+    forget_start();
     CHECK(rcl_logging_configure(&context.global_arguments, &allocator));
     CHECK(rmw_serialized_message_init(&message, LARGEST_MESSAGE, &allocator));
     clock_time = -1;
     loop_begin();
     for (k = 0; k < 2; k++) {
         node_begin(nodes[k]);
+        forget_start();
     }
     if (value_of(&controller_node, CONTROLLER_USE_SIM_TIME) != 0.0
         || value_of(&estimator_node, ESTIMATOR_USE_SIM_TIME) != 0.0) {
@@ -150,6 +152,7 @@ int main(int argc, char **argv)
             lifecycle_bring_up(nodes[k]);
         }
     }
+    forget_start();
     prioritise();
     announce("ready");
     while (!interrupted && !ended) {

@@ -1,7 +1,10 @@
+#define _GNU_SOURCE /* dl_iterate_phdr */
 #include "process.h"
 
+#include <link.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <sys/mman.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -50,6 +53,30 @@ void announce(const char *words, ...)
     putchar('\n');
     va_end(given);
     fflush(stdout);
+}
+
+static int forget_segments(struct dl_phdr_info *of, size_t size, void *given)
+{
+    const uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
+    int k;
+
+    (void)size;
+    (void)given;
+    for (k = 0; k < of->dlpi_phnum; k++) {
+        const ElfW(Phdr) *part = &of->dlpi_phdr[k];
+        const uintptr_t begin = of->dlpi_addr + part->p_vaddr, end = (begin + part->p_memsz) / page * page;
+        const uintptr_t whole = (begin + page - 1) / page * page;
+
+        if (part->p_type == PT_LOAD && !(part->p_flags & PF_W) && end > whole) {
+            (void)!madvise((void *)whole, end - whole, MADV_DONTNEED);
+        }
+    }
+    return 0;
+}
+
+void forget_start(void)
+{
+    dl_iterate_phdr(forget_segments, NULL);
 }
 
 void process_check(rcl_ret_t found, const char *what)

@@ -17,6 +17,7 @@ extern int64_t clock_time; /* of /clock [ns]; -1: it is not used */
 
 int64_t now(void);    /* of the ROS clock [ns] */
 int64_t steady(void); /* of a clock that nobody sets [ns] */
+void forget_start(void); /* what is only read of libraries, most of it when they start, leaves memory until it is read */
 #define CHECK(call) process_check((call), #call)
 void process_check(rcl_ret_t found, const char *what);
 void refuse(const char *words, ...) __attribute__((format(printf, 1, 2), noreturn));
