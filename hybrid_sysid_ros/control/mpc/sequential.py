@@ -121,7 +121,9 @@ def improve(
     if not _solve_program(horizon, program):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
-    expected, change = expand(horizon, program, instance)
+    expected = change = 0.0
+    if judged:
+        expected, change = expand(horizon, program, instance)
     search_along(prediction, horizon, program, instance, cost, True, False)
     horizon.progress[0].steps = 1
     if judged:
