@@ -197,9 +197,7 @@ class Work(Shared):
     """(n,)."""
 
 
-PROGRESS = np.dtype(
-    [("steps", "i8"), ("residual", "f8"), ("with_curvature", "?"), ("foreseen", "i8"), ("cost", "f8")]
-)
+PROGRESS = np.dtype([("steps", "i8"), ("residual", "f8"), ("with_curvature", "?"), ("foreseen", "i8"), ("cost", "f8")])
 """Progress of a solution: steps made, the residual before the last one, whether curvature is used, how many real-time
 steps in a row cost what was predicted, and what the newest of them costs, NaN where that was not simulated.
 """

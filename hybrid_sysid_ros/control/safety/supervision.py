@@ -26,14 +26,13 @@ from hybrid_sysid_ros.control.mpc.calls import (
     hold,
     linearise_plan,
     prepare_mpc,
-    solve_within,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow, set_stage
 from hybrid_sysid_ros.control.mpc.shooting import FEEDBACK, answer
 from hybrid_sysid_ros.control.policy.kernels import inside, network_answer
 from hybrid_sysid_ros.core.call import call_value
-from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -334,36 +333,3 @@ def _near(own: SupervisorMemory, one: Array, other: Array) -> bool:
     for j in range(one.shape[0]):
         near = near and abs(one[j] - other[j]) <= own.step[j]
     return near
-
-
-# ---------------------------------------------------------------------- for Python
-
-ANSWER, SOLVE, GO_ON, NOTHING = range(4)
-"""What a call is for: an answer to an instance, the exact MPC's own one, more steps of that, and compiling alone."""
-
-
-@kernel
-def forget_supervised(own: SupervisorMemory) -> None:
-    """:func:`begin_supervision` for Python."""
-    begin_supervision(own)
-
-
-@kernel
-def call_supervised(own: SupervisorMemory, instance: Instance, purpose: int, iterations: int) -> int:
-    """:func:`accept` for Python, and where it does not, a call of the exact MPC, or that call first; the status.
-
-    One function for all purposes, since the solver takes longest to compile.
-    """
-    first = purpose == ANSWER and own.steps != 0 and own.mpc.real_time != 0
-    if purpose != NOTHING and (first or purpose != ANSWER or not accept(own, instance)):
-        solve_within(own.mpc, instance, iterations, purpose != GO_ON)
-        if first:
-            accept_beside_step(own, instance)
-    return own.mpc.call[0].status  # type: ignore[no-any-return]
-
-
-@kernel
-def end_supervised(own: SupervisorMemory, instance: Instance) -> int:
-    """:func:`fall_back` for Python; the status."""
-    fall_back(own, instance)
-    return own.mpc.call[0].status  # type: ignore[no-any-return]

@@ -13,26 +13,25 @@ from typing import NamedTuple
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status
-from hybrid_sysid_ros.control.mpc.horizon import new_instance
+from hybrid_sysid_ros.control.mpc.calls import solve_within
+from hybrid_sysid_ros.control.mpc.horizon import Instance, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import STATUSES, ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervision import (
-    ANSWER,
     COSTLIER,
     DISTURBED,
-    GO_ON,
     IMPROVED,
     INFEASIBLE,
-    NOTHING,
     OUT_OF_RANGE,
-    SOLVE,
     SUPERVISION,
     WAITING,
     SupervisorMemory,
-    call_supervised,
-    end_supervised,
-    forget_supervised,
+    accept,
+    accept_beside_step,
+    begin_supervision,
+    fall_back,
 )
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -95,7 +94,8 @@ class Supervisor:
     more than one. The warm start has the same source as the check.
 
     The last plan is the one that was applied, or where steps are made, the exact MPC's own: while the network drives,
-    it solves each instance in :meth:`prepare`, after the input was sent, and in real time the step is its plan. The
+    it solves each instance in :meth:`prepare`, after the input was sent. In real time its step comes first, answers
+    where the network does not, and is what the network's plan is compared with. The
     problem may have several local solutions: so the exact MPC takes over with the one that it has followed, not with
     the one that the network happens to be near.
 
@@ -185,3 +185,36 @@ class Supervisor:
         """A call of compiled code; see :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.within_time`."""
         found: int = call_supervised(self.compiled, self.instance, purpose if anew else GO_ON, iterations)
         return found
+
+
+# ---------------------------------------------------------------------- in compiled code
+
+ANSWER, SOLVE, GO_ON, NOTHING = range(4)
+"""What a call is for: an answer to an instance, the exact MPC's own one, more steps of that, and compiling alone."""
+
+
+@kernel
+def forget_supervised(own: SupervisorMemory) -> None:
+    """:func:`begin_supervision` for Python."""
+    begin_supervision(own)
+
+
+@kernel
+def call_supervised(own: SupervisorMemory, instance: Instance, purpose: int, iterations: int) -> int:
+    """:func:`accept` for Python, and where it does not, a call of the exact MPC, or that call first; the status.
+
+    One function for all purposes, since the solver takes longest to compile.
+    """
+    first = purpose == ANSWER and own.steps != 0 and own.mpc.real_time != 0
+    if purpose != NOTHING and (first or purpose != ANSWER or not accept(own, instance)):
+        solve_within(own.mpc, instance, iterations, purpose != GO_ON)
+        if first:
+            accept_beside_step(own, instance)
+    return own.mpc.call[0].status  # type: ignore[no-any-return]
+
+
+@kernel
+def end_supervised(own: SupervisorMemory, instance: Instance) -> int:
+    """:func:`fall_back` for Python; the status."""
+    fall_back(own, instance)
+    return own.mpc.call[0].status  # type: ignore[no-any-return]
