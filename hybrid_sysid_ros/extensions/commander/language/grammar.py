@@ -141,6 +141,7 @@ def _is_bare(item: Quantity, clause: Clause, vocabulary: Vocabulary, *, first: b
         return False
     own = (unit for k in vocabulary.tracked for unit in vocabulary.units_of(k))
     measures = item.unit is not None and any(map(item.unit.alike, own))
+    measures = measures or (item.value == 0.0 and item.output is not None)  # "zero speed"
     return not first or (measures and (item.role == "" or clause.addressed or clause.sense is not None))
 
 

@@ -68,6 +68,7 @@ class Lexicon:
         for category in VERBS:
             self._enter(found, category, (("V", category),))
         self._enter(found, "over_to", (("V", "go"), ("T", "to")))
+        self._enter(found, "while_holding", ((";", "while"), ("V", "hold")))
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))
         self._enter(found, "level", (("n", "position"), ("V", "home")))
         self._enter(found, "back", (("y", "change"), ("V", "back")))

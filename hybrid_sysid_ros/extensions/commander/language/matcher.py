@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Awaited, Clause, Quantity, Share
@@ -162,6 +163,11 @@ class _Matcher:
     def _note_of_swing(self, found: _Found) -> None:
         """An amplitude, frequency or period."""
         role = "to" if "T" in found.letters else "by" if "Y" in found.letters else ""
+        before = self.made.quantities[-1] if self.made.quantities and not role else None
+        if found.noun == "period" and before and before.base == TIME and not is_time(found.quantities[0][1]):
+            self.made.quantities[-1] = replace(before, kind="period")  # "4 s period, 3 cycles"
+            self._note_value(found._replace(slot="plain", part=[each for each in found.part if each.kind == "Q"]))
+            return
         self.made.quantities.append(self.quantity(found.quantities[0], role, found.text, kind=found.noun or found.slot))
 
     def _note_often(self, found: _Found) -> None:

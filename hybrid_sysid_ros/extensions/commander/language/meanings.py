@@ -65,7 +65,7 @@ class Meaning(Goals):
             found = ["swing"]
         if not found and (
             clause.directions or clause.comparatives or clause.targets or clause.shares or clause.full_speed
-            or any(item.role in ("to", "range") for item in self.left) or self._said()
+            or any(item.role in ("to", "range") or self.adjusted(item) for item in self.left) or self._said()
         ):  # fmt: skip
             found = ["go"]
         if len(found) > 1:

@@ -44,6 +44,8 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
     """
     if re.search("U.*Q|Q.*U", before) and re.match("[KO]+o?U", "".join(symbol.kind for symbol in rest)):
         return True  # "height up 100 m, speed down 10 m/s"
+    if following == "u" and "Q" in before:  # "hold 3 s, home"
+        return True
     if following in ("V", "y", ";"):
         return any(letter in "VUOKTMu" for letter in before)
     if re.search("Q$" if listed else "Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"

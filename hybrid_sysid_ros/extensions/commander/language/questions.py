@@ -13,7 +13,7 @@ from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 
 ENDS = re.compile(r"[.,;:!?\n]|\bthen\b|\band\b|\bentao\b|\be\b")
 """Of parts of a text, each of which may ask or order something."""
-ORDERS = frozenset("VUM;")
+ORDERS = frozenset("VUMu;")
 """Kinds of symbols by which a part that begins with no question orders something."""
 
 
@@ -23,17 +23,18 @@ def is_question(text: str) -> bool:
     """
     if stop_in(text):
         return False
+    bare = "?" in text  # "position?"
     parts = [words for part in ENDS.split(folded(text)) if (words := re.findall(r"[^\W_]+", part))]
-    return any(_asks(parts, lexicon(language)) for language in LANGUAGES)
+    return any(_asks(parts, lexicon(language), bare=bare) for language in LANGUAGES)
 
 
-def _asks(parts: list[list[str]], language: Lexicon) -> bool:
+def _asks(parts: list[list[str]], language: Lexicon, *, bare: bool) -> bool:
     numbers = {*language.table["numbers"], *language.table["signs"]} - {"um", "uma", "one"}
     if any(word in numbers or word[0].isdigit() for words in parts for word in words):
         return False
     asked = [_begins(words, language) for words in parts]
     rest = [word for words, asks in zip(parts, asked, strict=True) if not asks for word in words]
-    return bool(asked) and asked[0] and not any(word in _orders(language) for word in rest)
+    return bool(asked) and (bare or asked[0]) and not _orders().intersection(rest)
 
 
 def _begins(words: list[str], language: Lexicon) -> bool:
@@ -50,12 +51,10 @@ def _begins(words: list[str], language: Lexicon) -> bool:
 
 
 @cache
-def _orders(language: Lexicon) -> frozenset[str]:
-    """Words that order something."""
-    found = language.meanings.items()
-    return frozenset(
-        phrase[0] for phrase, meaning in found if len(phrase) == 1 and ORDERS & {kind for kind, _ in meaning}
-    )
+def _orders() -> frozenset[str]:
+    """Words that order something in one of the languages."""
+    found = (item for language in LANGUAGES for item in lexicon(language).meanings.items())
+    return frozenset(words[0] for words, said in found if len(words) == 1 and ORDERS & {kind for kind, _ in said})
 
 
 def answered(state: RigState, rig: Rig) -> str:

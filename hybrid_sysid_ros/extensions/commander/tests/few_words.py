@@ -110,6 +110,10 @@ FEW_WORDS: list[tuple[str, str, Any]] = [
     (WHEEL, "swing between 0 and 50 rpm 5 times in 20 s", [swing(0, 50, 0.25, 20)]),
     (BEAM, "sine of 1 V with a 4 second period for 8 s", [swing(-1, 1, 0.25, 8)]),
     (WHEEL, "top speed", [go(400)]),  # Portuguese has no "top" that "stop" would be a slip of
+    (BEAM, "square signal from -1 V to 1 V, 4 s period, 3 periods", [square(-1, 1, 0.25, 12)]),
+    (BEAM, "go to 1 V, hold 3 s, go to 2 V, hold 3 s, home", [go(1), wait(3), go(2), wait(3), HOME]),
+    (JOINT, "zero speed", [go(0)]),
+    (CONE, "climb 100 m while holding the speed", [by(100, "height"), wait(0)]),
     (BEAM, "half a volt further down", [by(-0.5)]),
     (BEAM, "move up another half volt", [by(0.5)]),
     (BEAM, "step to 2 V, then to -2 V", [step(2), step(-2)]),
