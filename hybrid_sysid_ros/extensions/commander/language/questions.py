@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.commander.language.stops import folded, stop_in
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 
-ENDS = re.compile(r"[.,;:!?\n]|\bthen\b|\band\b|\bentao\b|\be\b")
+ENDS = re.compile(r"[.,;:!?\n]|\b(?:then|and|ent[aã]o|e)\b", re.IGNORECASE)
 """Of parts of a text, each of which may ask or order something."""
 ORDERS = frozenset("VUMu;")
 """Kinds of symbols by which a part that begins with no question orders something."""
@@ -24,7 +24,7 @@ def is_question(text: str) -> bool:
     if stop_in(text):
         return False
     bare = "?" in text  # "position?"
-    parts = [words for part in ENDS.split(folded(text)) if (words := re.findall(r"[^\W_]+", part))]
+    parts = [words for part in ENDS.split(text) if (words := re.findall(r"[^\W_]+", folded(part)))]
     return any(_asks(parts, lexicon(language), bare=bare) for language in LANGUAGES)
 
 

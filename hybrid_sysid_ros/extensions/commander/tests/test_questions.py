@@ -14,7 +14,8 @@ from hybrid_sysid_ros.rigs import rig as rigs
     [
         "where is the beam now?", "what's the max speed I can ask for?", "how fast can it go",
         "could you tell me the position?", "qual é a velocidade agora", "onde está a viga?", "pode me dizer a posição?",
-        "report speed and height", "position?", "is the bit sticking? how fast is it and how fast is the top",
+        "report speed and height", "position?", "Qual é o limite do drive?",
+        "is the bit sticking? how fast is it and how fast is the top",
     ],
 )  # fmt: skip
 def test_a_question_is_one(text: str) -> None:
