@@ -23,7 +23,7 @@ ROLES = {
     "within": "L", "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J",
     "here": "H", "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X",
     "highest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d", "as_fast": "g",
-    "no_faster": "t", "all": "l",
+    "no_faster": "t", "all": "l", "back_to": "T",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {

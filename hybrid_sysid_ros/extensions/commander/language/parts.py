@@ -44,6 +44,11 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
     """
     if re.search("U.*Q|Q.*U", before) and re.match("[KO]+o?U", "".join(symbol.kind for symbol in rest)):
         return True  # "height up 100 m, speed down 10 m/s"
+    turns = following == "T" and rest[0].value == "back_to"
+    if "TQ" in before and (
+        turns or [symbol.kind for symbol in rest[:2]] == ["U", "T"]
+    ):  # "and back to 0", "and down to 0"
+        return True
     if following == "u" and "Q" in before:  # "hold 3 s, home"
         return True
     if following in ("V", "y", ";"):
