@@ -97,17 +97,22 @@ class Equation:
     """d."""
     error: float
     """Root mean square of the simulation's error."""
+    change_error: float
+    """The same of its changes from step to step."""
 
 
 def equation_of(output: Array, inputs: Sequence[Array], every: int, step: float, band: float, noise: float) -> Equation:
-    """The simplest equation whose simulation of a record errs hardly more than any form's, or than the noise. T and d
-    are searched; gains, rates, shares, offset and initial state follow by least squares (variable projection).
+    """The simplest equation whose simulation of a record errs hardly more than any form's, or than the noise, and whose
+    changes do: a share at once that stands for a dead time makes changes that are not there. T and d are searched;
+    gains, rates, shares, offset and initial state follow by least squares (variable projection).
     """
     y, us, found = output[: MOST * every], [u[: MOST * every] for u in inputs], list[Equation]()
     for form in EQUATION_FORMS:
         found.append(_Search(y, us, every, step, band, form).equation())
         if found[-1].error <= NOISY * noise:
             break
+    enough = max(MORE * min(item.change_error for item in found), NOISY * noise)
+    found = [item for item in found if item.change_error <= enough]
     enough = max(MORE * min(item.error for item in found), NOISY * noise)
     return next(item for item in found if item.error <= enough)
 
@@ -141,9 +146,11 @@ class _Search:
         gains, *more = found[: count * (1 + form.by_rate + form.direct)].reshape(-1, count)
         rates = more.pop(0) / constant if form.by_rate else np.zeros(count)
         shares = more.pop(0) if form.direct else np.zeros(count)
+        size, moved = self.size, np.diff(errors)
         return Equation(
             form=form, gains=gains + shares, rates=rates, shares=shares, offset=float(found[-form.order - 1]),
-            constant=constant, damping=damping, error=float(np.sqrt(np.mean(errors**2))) * self.size,
+            constant=constant, damping=damping, error=size * float(np.sqrt(np.mean(errors**2))),
+            change_error=size * float(np.sqrt(np.mean(moved**2))),
         )  # fmt: skip
 
     def solved(self, point: Array) -> tuple[Array, Array, float, float]:
