@@ -14,9 +14,11 @@ from hybrid_sysid_ros.support.arrays import Array
 
 PIECES, FEWEST = 12, 40
 """Pieces of a record that are compared, and fewest samples of each."""
-LAWFUL = 0.8
-"""Correlation of most pieces with the rig's physics from which another scale or delay is not the law's own fault."""
-OTHER_SCALE, OTHER_NOISE, OTHER_ZERO = 1.35, 2.5, 0.03
+LAWFUL, CERTAIN = 0.8, 0.95
+"""Correlation of most pieces with the rig's physics from which another scale or delay is not the law's own fault, and
+the same of a guessed law.
+"""
+OTHER_SCALE, OTHER_NOISE, OTHER_ZERO = 1.35, 2.5, 0.01
 """Ratios from which a part of a record has another scale, or another noise, and share of the span from which it has
 another zero.
 """
@@ -32,6 +34,10 @@ OUTSTANDS = 4.0
 """Another zero, in the deviation from the physics within a piece, from which it is one."""
 AROUND = 5
 """Samples before and after a jump that show whether it lasts."""
+LEFT = 0.1
+"""Squared error that a fault leaves once it is undone, in that before, where the law is a guess: an error of the law
+stays.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,12 +86,25 @@ def other_stretch(values: Array, least: float) -> OtherStretch | None:
     return found if step > least and best < min(count * (ALIKE * step) ** 2, BETTER * float(line @ line)) else None
 
 
+def is_undone(measured: Array, expected: Array, spoilt: Array) -> bool:
+    """Whether what is expected with a fault (samples,) is far nearer to what was measured than without."""
+    before, after = (float(np.var(measured - values)) for values in (expected, spoilt))
+    return after < LEFT * before
+
+
+def delayed(values: Array, lag: float) -> Array:
+    """A signal (samples,) that is late by ``lag`` samples."""
+    at = np.arange(len(values), dtype=np.float64)
+    return np.interp(at - lag, at, values)
+
+
 def changes_of(
-    signal: CheckedSignal, expected: Array, inputs: Sequence[Array], apart: int, certain: float
+    signal: CheckedSignal, expected: Array, inputs: Sequence[Array], apart: int, *, guessed: bool
 ) -> Iterator[RecordFinding]:
     """What changes along a record; expected: by the rig's physics, (samples,); apart: samples in which it changes;
-    certain: correlation of most pieces with the physics from which what differs is not the law's own fault.
+    guessed: whether that law is a guess, whose own errors change along a record, too.
     """
+    certain = CERTAIN if guessed else LAWFUL
     length = len(expected) // PIECES
     if length < max(FEWEST, 4 * apart):
         return
@@ -106,6 +125,10 @@ def changes_of(
             return f"from about {first} on"
         return f"from about {first} to {last}" if stretch.first else f"until about {last}"
 
+    def undone(stretch: OtherStretch, spoilt: Array) -> OtherStretch | None:
+        part = slice(stretch.first * length, stretch.stop * length)
+        return stretch if is_undone(signal.values[part], expected[part], spoilt[part]) else None
+
     turned = [np.sign(piece.correlation) if piece and abs(piece.correlation) > certain else np.nan for piece in pieces]
     signs = found_in(turned, 1.0)
     if signs is not None and _at_once(pieces, turned, apart):
@@ -120,6 +143,9 @@ def changes_of(
     for least, sure in ((OTHER_SCALE, CLEAR), (NEAR_SCALE, SHARP)):
         sharp = [np.log(piece.scale) if piece and piece.correlation > sure else np.nan for piece in clear]
         scales = scales or found_in(sharp, float(np.log(least)))
+    if guessed:
+        scales = scales and undone(scales, np.exp(scales.inside - scales.outside) * expected)
+        lags = lags and undone(lags, delayed(expected, lags.inside - lags.outside))
     if scales is not None:
         ratio = float(np.exp(scales.inside - scales.outside))
         yield RecordFinding(
@@ -129,9 +155,10 @@ def changes_of(
         )  # fmt: skip
     if lags is not None:
         late = (lags.inside - lags.outside) * signal.period
+        way = "later" if late > 0.0 else "earlier"
         yield RecordFinding(
             kind="change of delay", cost=0.77,
-            words=f"{signal.name} is {late:+.3g} s later than elsewhere {where(lags)}",
+            words=f"{signal.name} is {abs(late):.3g} s {way} than elsewhere {where(lags)}",
             cure="samples were lost or a clock was set there: import the parts before and behind apart",
         )  # fmt: skip
     if scales is None and lags is None:
@@ -178,7 +205,7 @@ def _jumps(signal: CheckedSignal, expected: Array, inputs: Sequence[Array]) -> I
     """A zero that jumps: changes far beyond the usual ones, that last, and that no input or physics makes."""
     y = signal.values
     away = np.abs(np.diff(y))
-    least = max(JUMP * float(np.percentile(away, 99.5)), 8.0 * signal.noise, 4.0 * signal.count, 0.03 * signal.span)
+    least = max(JUMP * float(np.percentile(away, 99.5)), 8.0 * signal.noise, 4.0 * signal.count)
     places = [k for k in np.flatnonzero(away > least).tolist() if AROUND <= k < len(y) - AROUND - 1]
     kept = []
     for k in places:

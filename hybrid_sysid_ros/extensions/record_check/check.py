@@ -27,6 +27,8 @@ MISSING = 0.005
 """Share of missing samples that is worth a word."""
 SILENT = 0.9
 """Cost of a finding beside which the rig's physics say nothing: where nothing moves, friction makes any answer."""
+UNRELATED = 0.3
+"""Correlation of a held input's neighbouring levels below which they are drawn, and no faster signal's samples."""
 STILL = 0.5
 """Cost of an input that does not move while another one does: the record tells nothing of that one alone."""
 
@@ -70,11 +72,18 @@ def _of_guess(item: RecordFinding) -> RecordFinding:
 
 
 def _of_held_input(item: RecordFinding, record: Record, rig: Rig) -> RecordFinding | None:
-    """A held input is no fault where the outputs answer it at its times; where nobody can tell, it is a remark."""
+    """A held input is no fault where the outputs answer it at its times; where nobody can tell, it is a remark, and
+    none where its levels are drawn at random, as steps of an experiment are.
+    """
     if not item.samples:
         return item
     acts = input_acts_as_held(record, rig, item.samples)
-    return None if acts else item if acts is False and not is_guessed(rig) else replace(item, cost=0.2)
+    if acts is False and not is_guessed(rig):
+        return item
+    values = record.input[:, [known.name for known in rig.system.inputs].index(item.signal)]
+    levels = values[np.flatnonzero(np.diff(values))]
+    drawn = abs(float(np.corrcoef(levels[1:], levels[:-1])[0, 1])) < UNRELATED
+    return None if acts or drawn else replace(item, cost=0.2)
 
 
 def signals_of(record: Record, rig: Rig) -> list[CheckedSignal]:

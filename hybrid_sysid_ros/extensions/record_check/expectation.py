@@ -7,6 +7,7 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import rollouts
 from hybrid_sysid_ros.identification.experiment import prepare
+from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -40,7 +41,8 @@ def expected_outputs(record: Record, rig: Rig) -> Array | None:
             _, outputs = rollouts(rig.system, starts, state[None], experiment.inputs, step=step, every=every)
         return np.asarray(outputs).reshape(-1, record.output.shape[1])[: record.samples]
 
-    first = experiment.states[0]
+    hidden = rig.system.record_map().unobserved
+    first = initial_state(rig.system, experiment) if hidden else experiment.states[0]
     push = PUSH * np.maximum(np.abs(experiment.states).max(axis=0), PUSH)
     found, pushed = run(first.copy()), run(first + push)
     if not (np.isfinite(found).all() and np.isfinite(pushed).all() and len(found) == record.samples):

@@ -21,6 +21,8 @@ class RecordFinding:
     cure: str
     samples: int = 0
     """Of a held input, the samples between its changes."""
+    signal: str = ""
+    """Of a held input, its name."""
 
     @property
     def blocks(self) -> bool:

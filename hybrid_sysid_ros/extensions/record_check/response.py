@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.record_check.alignment import (
     changes,
     time_of_change,
 )
-from hybrid_sysid_ros.extensions.record_check.changes import LAWFUL, changes_of
+from hybrid_sysid_ros.extensions.record_check.changes import CERTAIN, LEFT, changes_of, delayed, is_undone
 from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of
@@ -38,14 +38,16 @@ SHORTEST_FROZEN = 8
 """Samples from which a sensor that stays where it is counts as frozen."""
 COHERENT = 0.5
 """Coherence from which an output follows the inputs, whatever the rig's parameters are."""
-CERTAIN = 0.95
-"""Correlation with a guessed law below which what contradicts it may be the law's own fault."""
-DRIFTS, STRAIGHT = 0.1, 0.9
+DRIFTS, STRAIGHT = 0.04, 0.9
 """Rise of a sensor's drift, in the motion that is expected, and share of the error along its line, that show it."""
 DOUBTFUL = 0.55
 """Cost of an output that hardly follows: a recorder that holds an input costs more, and is a cause of it."""
 LESS = 0.5
-"""Error that a play must leave, in that of the rig's physics, which may know of it."""
+"""Error that a play must leave, in that of the rig's physics, which may know of it; LEFT where these are a guess."""
+FOLLOWED = 0.005
+"""Squared error of the physics, in the output's variance, below which nothing is left for a play to explain."""
+EXCHANGED = 0.25
+"""Squared errors of two outputs that are left once they are exchanged, from which they are swapped."""
 
 
 def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -> Iterator[RecordFinding]:
@@ -68,7 +70,7 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
             yield from _frozen(signal, expected[:, k])
         apart = time_of_change(expected[:, k])
         longest = min(max(LONGEST_LAG, CHANGES * apart), record.samples // 6)
-        parts = list(changes_of(signal, expected[:, k], record.input.T, apart, CERTAIN if guessed else LAWFUL))
+        parts = list(changes_of(signal, expected[:, k], record.input.T, apart, guessed=guessed))
         yield from parts
         if any(item.kind != "jump" for item in parts):
             continue
@@ -76,7 +78,8 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
         judged = list(_judged(record, signal, found, expected[:, k], apart, longest, rig))
         if found.correlation > CLEAR and not signal.explained and not rig.system.contacts:  # friction turns round alike
             delays = (rig.system.input_delays / period).tolist()
-            if play := _hysteresis(inputs, delays, signal, expected[:, k], found.lag):
+            less = LEFT if guessed else LESS
+            if play := _hysteresis(inputs, delays, signal, expected[:, k], found.lag, less):
                 judged = [item for item in judged if item.kind != "delay"] + [play]  # which a play looks like
         yield from (item for item in judged if not parts or item.kind == "no relation")
 
@@ -173,10 +176,9 @@ def _differences(
 ) -> Iterator[RecordFinding]:
     """Delay, drift and scale of an output that clearly is the one of the physics."""
     late, guessed = found.lag * signal.period, is_guessed(rig)
-    if late < 0.0 and guessed:
-        shortest = np.inf  # a guess may be slower than the rig
-    else:
-        shortest = max(SHORTEST_LAG, SHARE * apart, rig.step / signal.period if guessed else 0.0)
+    shortest = max(SHORTEST_LAG, SHARE * apart, rig.step / signal.period if guessed else 0.0)
+    if guessed and (late < 0.0 or not is_undone(signal.values, expected, delayed(expected, found.lag))):
+        shortest = np.inf  # a guess may be slower than the rig, or of too low an order
     if abs(found.lag) > shortest and found.correlation > 0.75:
         way = "later" if late > 0 else "earlier"
         shown = f"{1e3 * abs(late):.3g} ms" if abs(late) < 1.0 else f"{abs(late):.3g} s"
@@ -206,16 +208,18 @@ def _differences(
 
 
 def _hysteresis(
-    inputs: Sequence[CheckedSignal], delays: Sequence[float], signal: CheckedSignal, expected: Array, lag: float
-) -> RecordFinding | None:
+    inputs: Sequence[CheckedSignal], delays: Sequence[float], signal: CheckedSignal, expected: Array, lag: float,
+    less: float,
+) -> RecordFinding | None:  # fmt: skip
     """A play that explains an output by far better than the rig's physics do, be they late or early. delays: of the
-    inputs in the rig, in samples.
+    inputs in the rig, in samples. less: squared error that it may leave, in that of the physics.
     """
     at, y = np.arange(len(expected), dtype=np.float64), signal.values
     acted = [np.interp(at - max(delay + lag, 0.0), at, u.values) for u, delay in zip(inputs, delays, strict=True)]
     aligned = np.interp(at - lag, at, expected)
-    play, line = hysteresis_of(acted, y), np.polyfit(aligned, y, 1)
-    if play is None or play.left * np.var(y) > LESS * np.var(y - np.polyval(line, aligned)):
+    error = float(np.var(y - np.polyval(np.polyfit(aligned, y, 1), aligned)) / np.var(y))
+    play = hysteresis_of(acted, y) if error > FOLLOWED else None
+    if play is None or play.left > less * error:
         return None
     place = signal if play.input is None else inputs[play.input]
     return RecordFinding(
@@ -278,16 +282,18 @@ def _frozen(signal: CheckedSignal, expected: Array) -> Iterator[RecordFinding]:
 
 def _swapped(outputs: Sequence[CheckedSignal], expected: Array) -> RecordFinding | None:
     """Two outputs, each of which follows what is expected of the other."""
-    table = np.zeros((len(outputs), len(outputs)))
+    table, errors = np.zeros((len(outputs), len(outputs))), np.zeros((len(outputs), len(outputs)))
     for i, signal in enumerate(outputs):
         for j in range(len(outputs)):
             if signal.span > 0.0 and np.ptp(expected[:, j]) > 0.0:
                 apart = time_of_change(expected[:, j])
                 found = best_alignment(signal.values, expected[:, j], ~signal.spoilt, apart, 4 * apart)
                 table[i, j] = abs(found.correlation)
+                errors[i, j] = np.var(signal.values - expected[:, j]) / np.var(signal.values)
     for i in range(len(outputs)):
         for j in range(i):
-            if min(table[i, j], table[j, i]) > max(table[i, i], table[j, j], 0.5) + 0.1:
+            other = min(table[i, j], table[j, i]) > max(table[i, i], table[j, j], 0.5) + 0.1
+            if other or errors[i, j] + errors[j, i] < EXCHANGED * (errors[i, i] + errors[j, j]):
                 return RecordFinding(
                     kind="swapped channels", cost=0.96,
                     words=f"{outputs[i].name} moves as {outputs[j].name} should, and the other way round",

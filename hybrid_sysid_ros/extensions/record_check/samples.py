@@ -191,7 +191,7 @@ def _held(signal: CheckedSignal) -> Iterator[RecordFinding]:
         dense = len(changes) * k / (changes[-1] - changes[0] + 1)
         if regular > 0.95 and dense > 0.55:
             yield RecordFinding(
-                kind="held", cost=0.6, samples=k if signal.is_input else 0,
+                kind="held", cost=0.6, samples=k if signal.is_input else 0, signal=signal.name,
                 words=f"{signal.name} changes only every {k} samples, {1 / (k * signal.period):.4g} times a second",
                 cure="record it at the rate of the others; if it was applied so, go on",
             )  # fmt: skip

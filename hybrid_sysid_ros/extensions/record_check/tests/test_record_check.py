@@ -405,6 +405,49 @@ def test_noise_that_begins_or_ends_within_a_record_is_named(part, words):
     expected, noisy = driven_lag(STEPS), np.zeros(len(STEPS))
     noisy[part] = np.random.default_rng(5).normal(size=len(STEPS))[part]
     signal = CheckedSignal(name="y", unit="m", values=expected + 0.05 * noisy, period=0.1, is_input=False)
-    (found,) = changes_of(signal, expected, [STEPS], 5, 0.8)
+    (found,) = changes_of(signal, expected, [STEPS], 5, guessed=False)
     assert found.kind == "change of noise"
     assert words in found.words
+
+
+def test_a_zero_that_jumps_is_seen_in_a_signal_that_wanders_far():
+    """A heading, made whole over many turns: 12 degrees, where it else changes by less than one in a sample."""
+    heading = 0.8 * np.cumsum(lfilter([0.05], [1.0, -0.95], STEPS))
+    jumped = heading + 12.0 * (np.arange(len(heading)) >= 1500) + 0.1 * np.random.default_rng(4).normal(size=3000)
+    signal = CheckedSignal(name="heading", unit="deg", values=jumped, period=1.0, is_input=False, noise=0.1)
+    found = list(changes_of(signal, heading, [STEPS], 5, guessed=True))
+    assert [item.kind for item in found] == ["jump"]
+
+
+def test_sensors_of_a_chain_are_swapped_and_not_late(call, tmp_path, monkeypatch):
+    """The guessed law is of lower order than the last of five lags, which is no fault of a sensor."""
+    monkeypatch.chdir(tmp_path)
+    chain, random = [STEPS], np.random.default_rng(6)
+    for _ in range(5):
+        chain.append(lfilter([0.0, 0.06], [1.0, -0.94], chain[-1]))
+    temperatures = np.column_stack(chain[1:]) + 0.002 * random.normal(size=(len(STEPS), 5))
+    header = "time,heater_W," + ",".join(f"T{k}_degC" for k in range(1, 6))
+    rows = np.column_stack([np.arange(len(STEPS)), STEPS, temperatures])
+    np.savetxt("chain.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
+    outputs = [part for k in range(1, 6) for part in ("--output", f"T{k}_degC")]
+    program = partial(call, app.main, "hybrid-sysid")
+    assert program("rig", "from", "chain.csv", "./chain_of_lags", "--input", "heater_W", *outputs)[0] == 0
+    assert program("import", "chain.csv", "--rig", "./chain_of_lags")[0] == 0
+    rig = hs.load_rig("./chain_of_lags")
+    r = hs.read_bag("bags/chain", rig)
+    assert findings_of(r, rig) == []
+    assert not any(item.name.endswith("_lagging") for item in rig.system.states)  # nothing answers at once
+    swapped = findings_of(replace(r, output=r.output[:, [0, 3, 2, 1, 4]]), rig)
+    assert [item.kind for item in swapped] == ["swapped channels"]
+
+
+def test_an_input_of_drawn_levels_is_no_recorder_that_holds():
+    """Where nobody can tell, as beside noise; samples of a slow sine are held by somebody."""
+    rig = hs.load_rig(RIG)
+    r, k = record(), np.arange(record().samples)
+    noise = np.random.default_rng(9).normal(size=r.output.shape)
+    drawn = np.random.default_rng(8).uniform(-1.0, 1.0, len(k) // 20 + 1)[k // 20]
+    slow = np.sin(0.02 * (k // 20 * 20))
+    for values, kinds in ((drawn, 0), (slow, 1)):
+        found = findings_of(replace(r, input=100.0 * values[:, None], output=noise), rig)
+        assert sum(item.kind == "held" for item in found) == kinds
