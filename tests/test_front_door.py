@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ import pytest
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.identification import evaluate
-from hybrid_sysid_ros.library.arguments import given_columns
+from hybrid_sysid_ros.library.arguments import given_columns, given_sampling
 from hybrid_sysid_ros.support import extensions
 from tests.shared import Frame
 
@@ -132,6 +133,24 @@ def test_times_in_single_precision_and_other_units_are_taken() -> None:
     np.testing.assert_allclose(other.output, own.output, rtol=1e-12)
     np.testing.assert_allclose(other.input, own.input, rtol=1e-12)
     assert hs.record(time=time[:2], **{**given, "inputs": wave[:2], "outputs": wave[:2] * 0.1}).samples == 2
+
+
+@pytest.mark.parametrize("period", [0.001, 0.003, 0.004, 0.005, 0.008, 0.01, 1 / 610.35, 0.02, 0.03, 0.04, 0.05, 0.07])
+def test_the_usual_sampling_follows_a_record_that_has_another_one(period: float) -> None:
+    """Where neither the call nor the rig's file says more; times that are in milliseconds stay an error."""
+    rig = replace(hs.load_rig("cam_beam"), content={})
+    given: Any = [SimpleNamespace(sampling_time=period)]
+    found = given_sampling(None, rig, given)
+    every, steps = found.period / period, max(found.step, period) / min(found.step, period)
+    assert every == pytest.approx(round(every), abs=1e-9)
+    assert steps == pytest.approx(round(steps), abs=1e-9)
+    assert found.step == pytest.approx(0.005, rel=0.35)
+    assert found.period == pytest.approx(0.05, rel=0.45)
+    if period in (0.001, 0.005, 0.01, 0.05):
+        assert (found.step, found.period) == (0.005, 0.05)
+    slow: Any = [SimpleNamespace(sampling_time=1000.0 * period)]
+    assert given_sampling(None, rig, slow) == given_sampling(None, rig)
+    assert given_sampling({"period": 0.1}, rig, given).period == 0.1
 
 
 def test_a_model_scores_as_the_command_does(things: SimpleNamespace) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 import typer
 
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.library.arguments import given_sampling
 from hybrid_sysid_ros.models import InputHandling, Sampling, structure_names
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -56,10 +58,15 @@ Period = Annotated[
 
 
 def sampling_of(
-    rig: Rig, step: float | None, period: float | None, handling: InputHandling, **start: str | int | None
+    rig: Rig,
+    step: float | None,
+    period: float | None,
+    handling: InputHandling,
+    start: Mapping[str, str | int | None],
+    records: Sequence[Record] = (),
 ) -> Sampling:
-    """The sampling of options, the rest as the rig's file says; start: ``initial``, ``initial_samples``, ``warm_up``.
-    Raises UserError for values that can't be.
+    """The sampling of options, the rest as the rig's file says, or else as records allow. start: ``initial``,
+    ``initial_samples``, ``warm_up``. Raises UserError for values that can't be.
     """
     given = {"step": step, "period": period, "input": handling, **start}
-    return given_sampling({name: value for name, value in given.items() if value is not None}, rig)
+    return given_sampling({name: value for name, value in given.items() if value is not None}, rig, records)

@@ -29,6 +29,8 @@ PartLike: TypeAlias = Part | str | Sequence[float] | Array
 SamplingLike: TypeAlias = Sampling | Mapping[str, Any]
 """A sampling, or some of its numbers by name."""
 
+LONGEST_SAMPLE = 100.0
+"""Sampling time of a record, in the rig's step, up to which fits follow it."""
 LARGEST_SEED = 2**63 - 1
 MOST_SAMPLES = 10**9
 """Of a record."""
@@ -224,14 +226,15 @@ def given_parts(value: PartLike | Sequence[PartLike], count: int) -> Part | list
     return [part_of(item, f"part[{index}]") for index, item in enumerate(value)]  # type: ignore[arg-type]
 
 
-def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
-    """The sampling of records, by default that of the rig's file, or else that of the command line."""
+def given_sampling(value: SamplingLike | None, rig: Rig, records: Sequence[Record] = ()) -> Sampling:
+    """The sampling of records, by default that of the rig's file, or else the nearest to the usual one that the records
+    have, unless their steps are so long beside the rig's that their times are hardly in seconds.
+    """
     given = section(rig.content, "demo", str(rig.file))
     own: dict[str, Any] = {"input": "auto", **{name: given[name] for name in ("step", "period") if name in given}}
-    if value is None:
-        return Sampling(**own)
     if isinstance(value, Sampling):
         return value
+    value = {} if value is None else value
     for name, item in mapping_of(value, "sampling", '{"step": 0.005, "period": 0.05}').items():
         choice_of(name, "a name in sampling", [item.name for item in fields(Sampling)])
         if name == "input":
@@ -242,7 +245,11 @@ def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
             whole_of(item, f"sampling.{name}", low=0, high=MOST_SAMPLES)
         else:
             number_of(item, f"sampling.{name}", low=0.0, above=True, unit="s")
-    return Sampling(**(own | dict(value)))
+    stated = own | dict(value)
+    found, period = Sampling(**stated), max((record.sampling_time for record in records), default=0.0)
+    if {"step", "period"} & stated.keys() or not 0.0 < period <= LONGEST_SAMPLE * rig.step:
+        return found
+    return found.following(period)
 
 
 def given_options(value: Mapping[str, Any] | None, argument: str = "options") -> Options:

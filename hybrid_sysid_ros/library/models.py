@@ -167,11 +167,11 @@ def identify(
 
     records: one or several. structure: "hybrid", "gray", "linear", "narx" and the others of ``hybrid-sysid identify
     --help``. sampling: ``step``, ``period``, ``input``, ``initial``, ``initial_samples`` and ``warm_up``, by default
-    those of the rig's file. part: a part of all records as fractions, or one for each record. options: numbers by name,
-    such as {"units": 8}. seed: random seed. progress(stage, evaluations, error): a function that is called during
-    the fit. refine: whether a gray box is fitted again at a finer step where the step moves its parameters too far; by
-    default where the sampling gives no step. criterion: of physics, "simulation" for free runs, or "prediction" for a
-    filter whose input offset walks.
+    those of the rig's file, or near 5 and 50 ms as the records allow. part: a part of all records as fractions, or one
+    for each record. options: numbers by name, such as {"units": 8}. seed: random seed. progress(stage, evaluations,
+    error): a function that is called during the fit. refine: whether a gray box is fitted again at a finer step where
+    the step moves its parameters too far; by default where the sampling gives no step. criterion: of physics,
+    "simulation" for free runs, or "prediction" for a filter whose input offset walks.
 
     Raises UserError for records that don't fit the rig, its sampling or each other, or don't excite the rig, and for an
     unknown structure or option.
@@ -191,7 +191,7 @@ def identify(
             used,
             described,
             structure,
-            sampling=arguments.given_sampling(sampling, described),
+            sampling=arguments.given_sampling(sampling, described, used),
             part=arguments.given_parts(part, len(used)),
             options=arguments.given_options(options),
             seed=arguments.seed_of(seed),

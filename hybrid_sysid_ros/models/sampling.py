@@ -89,6 +89,23 @@ class Sampling:
         count = max(1, round(self.initial_samples * self.period / period))
         return replace(self, period=period, initial_samples=count)
 
+    def following(self, period: float) -> Sampling:
+        """The same where whole samples of a record make step and period, else with the nearest that they do. period: of
+        the samples [s].
+        """
+        if fits(self.period, period) and fits(max(self.step, period), min(self.step, period)):
+            return self
+        longer = self.step > period
+        step = period * round(self.step / period) if longer else period / round(period / self.step)
+        unit = max(step, period)
+        return replace(self, step=step, period=unit * max(1, round(self.period / unit)))
+
     @property
     def every(self) -> int:
         return max(1, round(self.period / self.step))
+
+
+def fits(longer: float, shorter: float) -> bool:
+    """Whether a time is a multiple of another one, but for a hundredth of that."""
+    ratio = round(longer / shorter)
+    return ratio >= 1 and abs(ratio * shorter - longer) <= 0.01 * shorter

@@ -38,7 +38,7 @@ MOST_NEAR = 0.8
 def remarks_of(records: Sequence[Record], rig: Rig) -> list[str]:
     """Lines for the user; none where the rig's own law can't be simulated over the records."""
     try:
-        sampling = given_sampling(None, rig)
+        sampling = given_sampling(None, rig, records)
         experiments = [prepare(record, rig.system, sampling) for record in records]
     except UserError:
         return []

@@ -67,9 +67,11 @@ def command(
     if out is not None:
         check_folder(out, marker="model.yaml", replace=overwrite)
     described = load_rig(rig)
-    sampling = fit_options.sampling_of(described, step, period, input_handling)
+    sampling = fit_options.sampling_of(described, step, period, input_handling, {})
+    records = read_records(bag, rig, signals, recover, read_period, sampling)
+    sampling = fit_options.sampling_of(described, step, period, input_handling, {}, records)
     objective = Objective(
-        records=read_records(bag, rig, signals, recover, read_period, sampling),
+        records=records,
         rig=described,
         structure=structure,
         sampling=sampling,
