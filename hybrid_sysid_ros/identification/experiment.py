@@ -13,7 +13,7 @@ from scipy.stats import kurtosis
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.fit import PreparedRecord
-from hybrid_sysid_ros.models.sampling import InputHandling, Sampling, fits
+from hybrid_sysid_ros.models.sampling import InputHandling, Sampling, is_multiple
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -266,7 +266,7 @@ def _window(record: Record, period: float) -> int:
 
 def _ratio(longer: float, shorter: float, name: str, one: str, other: str) -> int:
     ratio = round(longer / shorter)
-    if not fits(longer, shorter):
+    if not is_multiple(longer, shorter):
         raise UserError(
             f"{name}: {one} of {longer * 1e3:g} ms is no multiple of {shorter * 1e3:g} ms, {other}; "
             "fit the model with a step and period that are (--step, --period), or sample the record otherwise"

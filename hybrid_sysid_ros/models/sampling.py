@@ -93,7 +93,7 @@ class Sampling:
         """The same where whole samples of a record make step and period, else with the nearest that they do. period: of
         the samples [s].
         """
-        if fits(self.period, period) and fits(max(self.step, period), min(self.step, period)):
+        if is_multiple(self.period, period) and is_multiple(max(self.step, period), min(self.step, period)):
             return self
         longer = self.step > period
         step = period * round(self.step / period) if longer else period / round(period / self.step)
@@ -105,7 +105,7 @@ class Sampling:
         return max(1, round(self.period / self.step))
 
 
-def fits(longer: float, shorter: float) -> bool:
+def is_multiple(longer: float, shorter: float) -> bool:
     """Whether a time is a multiple of another one, but for a hundredth of that."""
     ratio = round(longer / shorter)
     return ratio >= 1 and abs(ratio * shorter - longer) <= 0.01 * shorter

@@ -92,7 +92,7 @@ def is_undone(measured: Array, expected: Array, spoilt: Array) -> bool:
     return after < LEFT * before
 
 
-def delayed(values: Array, lag: float) -> Array:
+def later_by(values: Array, lag: float) -> Array:
     """A signal (samples,) that is late by ``lag`` samples."""
     at = np.arange(len(values), dtype=np.float64)
     return np.interp(at - lag, at, values)
@@ -145,7 +145,7 @@ def changes_of(
         scales = scales or found_in(sharp, float(np.log(least)))
     if guessed:
         scales = scales and undone(scales, np.exp(scales.inside - scales.outside) * expected)
-        lags = lags and undone(lags, delayed(expected, lags.inside - lags.outside))
+        lags = lags and undone(lags, later_by(expected, lags.inside - lags.outside))
     if scales is not None:
         ratio = float(np.exp(scales.inside - scales.outside))
         yield RecordFinding(

@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.record_check.alignment import (
     changes,
     time_of_change,
 )
-from hybrid_sysid_ros.extensions.record_check.changes import CERTAIN, LEFT, changes_of, delayed, is_undone
+from hybrid_sysid_ros.extensions.record_check.changes import CERTAIN, LEFT, changes_of, is_undone, later_by
 from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of
@@ -177,7 +177,7 @@ def _differences(
     """Delay, drift and scale of an output that clearly is the one of the physics."""
     late, guessed = found.lag * signal.period, is_guessed(rig)
     shortest = max(SHORTEST_LAG, SHARE * apart, rig.step / signal.period if guessed else 0.0)
-    if guessed and (late < 0.0 or not is_undone(signal.values, expected, delayed(expected, found.lag))):
+    if guessed and (late < 0.0 or not is_undone(signal.values, expected, later_by(expected, found.lag))):
         shortest = np.inf  # a guess may be slower than the rig, or of too low an order
     if abs(found.lag) > shortest and found.correlation > 0.75:
         way = "later" if late > 0 else "earlier"
