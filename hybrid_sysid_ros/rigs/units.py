@@ -53,6 +53,7 @@ OTHERS: Mapping[str, Unit] = {
     **dict.fromkeys(("%", "percent", "pct"), Unit(PERCENT)),
     **dict.fromkeys(("min", "mins", "minute", "minutes"), Unit(TIME, 0, 60.0)),
     **dict.fromkeys(("h", "hour", "hours"), Unit(TIME, 0, 3600.0)),
+    **dict.fromkeys(("d", "day", "days"), Unit(TIME, 0, 86400.0)),
     **dict.fromkeys(("sec", "secs"), Unit(TIME)),
     **dict.fromkeys(("times", "time", "cycles", "cycle", "periods", "repetitions"), Unit(COUNT)),
     **dict.fromkeys(("Nm", "N*m"), Unit("N m")),

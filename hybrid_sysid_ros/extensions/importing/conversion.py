@@ -14,7 +14,15 @@ from hybrid_sysid_ros.bags.gaps import MOST_MISSING
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.sampling import JITTER, HeldMean
 from hybrid_sysid_ros.bags.series import SECOND
-from hybrid_sysid_ros.extensions.importing.grid import SAMPLES_PER_PIECE, CleanStamps, SampleGrid, clean_stamps, grid_of
+from hybrid_sysid_ros.extensions.importing.grid import (
+    SAMPLES_PER_PIECE,
+    CleanStamps,
+    SampleGrid,
+    clean_stamps,
+    grid_of,
+    known_stamps,
+    slowest,
+)
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, further, rig_factor, seconds_of
 from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
@@ -46,9 +54,14 @@ class _Conversion:
         self.file, self.path, self.mapping, self.rig, self.columns = file, file.path, mapping, rig, columns
         self.notes: list[str] = []
         self.stamps = dict[str, CleanStamps]()
-        names = [item.name for item in rig.system.outputs]
-        own = mapping.outputs[names[0]].time or mapping.time.column
-        stamps = self.stamps_of(own, len(columns[mapping.outputs[names[0]].column]))
+        known = dict[str, CleanStamps]()
+        for item in reversed(rig.system.outputs):  # so that the first one's are left
+            column = mapping.outputs[item.name]
+            own, values = column.time or mapping.time.column, columns[column.column]
+            stamps = self.stamps_of(own, len(values))
+            known[column.column] = known_stamps(stamps, values, column.missing)
+        stamps = slowest(known, stamps, str(file.path))
+        self.notes += stamps.notes
         self.grid: SampleGrid = grid_of(stamps, self.what(own))
         check_size(self.path, len(self.grid.times) * (len(mapping.signals) + 1))
 

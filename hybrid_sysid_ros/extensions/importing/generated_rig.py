@@ -13,7 +13,7 @@ import yaml
 
 from hybrid_sysid_ros.extensions.importing.conversion import row_times
 from hybrid_sysid_ros.extensions.importing.first_equation import delays_of
-from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
+from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of, known_stamps, slowest
 from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, without_unit, words_of
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
@@ -91,13 +91,17 @@ def made_rig(
         if first
         else row_times(time.period, len(columns[outputs[0]]))
     )
-    grid = grid_of(stamps, f"{file.path}: {first or 'time'}")
+    own_stamps = {
+        item: clean_stamps(its.seconds * columns[its.column], f"{file.path}: {its.column}") if its.column else stamps
+        for item, its in times.items()
+    }
+    known_of = {item: known_stamps(own_stamps[item], columns[item], sentinel_of(columns[item])) for item in outputs}
+    grid = grid_of(slowest(known_of, stamps, str(file.path)), f"{file.path}: {first or 'time'}")
     names = _names(chosen)
     signals = []
     for item in chosen:
         column = file.columns[item]
-        own = times[item]
-        at = clean_stamps(own.seconds * columns[own.column], f"{file.path}: {own.column}") if own.column else stamps
+        at = own_stamps[item]
         inside = at.rows < len(columns[item])
         values, times_of = columns[item][at.rows[inside]], at.times[inside]
         missing = sentinel_of(values)
@@ -153,7 +157,7 @@ def _names(columns: Sequence[str]) -> dict[str, str]:
     """A name for each column that Python and messages take: plain letters, and no unit, since the rig has SI."""
     found = dict[str, str]()
     for column in columns:
-        plain = unicodedata.normalize("NFKD", without_unit(column))
+        plain = unicodedata.normalize("NFKD", without_unit(column).replace("ß", "ss"))
         plain = "".join(letter for letter in plain if not unicodedata.combining(letter))
         plain = re.sub(r"\W+", "_", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain), flags=re.ASCII).strip("_").lower()
         plain = f"signal_{plain}" if not plain or plain[0].isdigit() or keyword.iskeyword(plain) else plain

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ SAMPLES_PER_PIECE = 20
 """Fewest samples of a piece between two long gaps that is kept."""
 NEAR = 0.75
 """Distance [sampling times] of a sample from the nearest stamp above which it counts as missing."""
+RARE = 1.5
+"""Steps between an output's values, in those of the rows, from which it is slower."""
 SHORTEST, LONGEST = 1e-8, 9e9
 """Shortest sampling time and longest record [s]: bags count nanoseconds, in 64 bits."""
 MOST_SAMPLES_PER_STAMP = 20
@@ -110,6 +112,31 @@ def clean_stamps(seconds: Array, what: str) -> CleanStamps:
         )
         rows, times = rows[~doubled], times[~doubled]
     return CleanStamps(rows=rows, times=times, notes=notes)
+
+
+def known_stamps(stamps: CleanStamps, values: Array, missing: float | None) -> CleanStamps:
+    """The stamps of a column's values (rows,) that are numbers and not ``missing``, which stands for none; all stamps,
+    where hardly one is.
+    """
+    inside = stamps.rows[stamps.rows < len(values)]
+    known = np.isfinite(values[inside]) & (values[inside] != missing)
+    if known.sum() < FEWEST:
+        return stamps
+    return replace(stamps, rows=inside[known], times=stamps.times[: len(inside)][known])
+
+
+def slowest(stamps: Mapping[str, CleanStamps], every: CleanStamps, what: str) -> CleanStamps:
+    """The stamps by which a record is sampled: those of every row, or of the output that comes so much more rarely that
+    straight lines between its values would pass for measurements. what: for its note.
+    """
+    steps = {name: float(np.median(np.diff(its.times))) for name, its in stamps.items()}
+    name = max(steps, key=steps.__getitem__)
+    if not steps[name] > RARE * float(np.median(np.diff(every.times))):
+        return every
+    note = (
+        f"{what}: {name} comes only every {steps[name]:.4g} s: the record is sampled so, with the inputs' means between"
+    )
+    return replace(stamps[name], notes=[*every.notes, note])
 
 
 def _coarse(times: Array) -> tuple[Array, float] | None:

@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, w
 from hybrid_sysid_ros.extensions.importing.mapping import TimeColumn, seconds_of
 from hybrid_sysid_ros.support.arrays import Array
 
-TIME_UNITS = ("hours", "minutes", "milliseconds", "microseconds")
+TIME_UNITS = ("days", "hours", "minutes", "milliseconds", "microseconds")
 """Names of times that are units."""
 TIMES = (
     "time", "t", "timestamp", "stamp", "seconds", "sec", "s", "zeit", "tempo", "temps", "tiempo", "elapsed", "clock",
@@ -27,6 +27,10 @@ PERIODS, RATES = (
 """Names of a sampling time [s] and of a sampling rate [Hz], also of a single number."""
 EPOCH = 1e9, 4e9
 """Seconds since 1970 of the years 2001 to 2096: counts of that size have no other unit."""
+SERIAL_DAYS, MINUTE = ((32874.0, 69399.0), (726834.0, 763359.0)), 1.0 / 1440.0
+"""Days of the years 1990 to 2089 since 1900 and since the year 0, as spreadsheets and MATLAB count them; and the
+longest step between two of them: seconds of that size that rise by less than .7 ms are hardly ever met.
+"""
 
 
 def time_of(
@@ -53,7 +57,7 @@ def time_of(
             f"{file.path}: no column is a time{f'; {rising} rises throughout' if rising else ''}; name it "
             f"(--column time={rising or 'COLUMN'}), or give the sampling time (--period)"
         ), left
-    unit = units.get("time") or unit_of_times(file.columns[name]) or _unit_since_1970(file, name) or "s"
+    unit = units.get("time") or unit_of_times(file.columns[name]) or _unit_of_counts(file, name) or "s"
     return TimeColumn(column=name, unit=unit), left
 
 
@@ -122,10 +126,14 @@ def _rises(file: LogFile, column: LogColumn) -> bool:
     return len(values) > 1 and bool(values[-1] > values[0] and (np.diff(values) >= 0.0).all())
 
 
-def _unit_since_1970(file: LogFile, name: str) -> str:
-    """The unit in which values count the time since 1970; "" where they do not."""
+def _unit_of_counts(file: LogFile, name: str) -> str:
+    """The unit in which values count the time since 1970, or the days of spreadsheets or MATLAB; "" for others."""
     values = _finite(file, name)
-    middle = float(np.median(values)) if len(values) else 0.0
+    if len(values) < 2:
+        return ""
+    middle, step = float(np.median(values)), float(np.median(np.diff(values)))
+    if any(low < middle < high for low, high in SERIAL_DAYS) and 0.0 < step < MINUTE:
+        return "d"
     return next((unit for unit in ("s", "ms", "us", "ns") if _in_epoch(middle * (seconds_of(unit) or 1.0))), "")
 
 

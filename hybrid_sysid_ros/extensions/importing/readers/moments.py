@@ -9,6 +9,8 @@ import numpy as np
 
 from hybrid_sysid_ros.support.arrays import Array
 
+DAY, MIDNIGHT = 86400.0, 0.9
+"""Seconds, and share of them by which times of day fall back at midnight."""
 _YEAR, _SMALL = r"(?P<year>\d{4})", r"[-/.]"
 _DATES = (
     rf"{_YEAR}{_SMALL}(?P<month>\d\d?){_SMALL}(?P<day>\d\d?)",
@@ -28,7 +30,8 @@ IS_MOMENT = re.compile("|".join(re.sub(r"\?P<\w+>", "?:", form) for form in _FOR
 def seconds_of_moments(texts: Any) -> Array:
     """Seconds since the first moment of a column of texts (polars), (rows,); NaN where there is none.
 
-    Zones are taken into account. Where 3/4 may be in March or in April, it is what makes the record shorter.
+    Zones are taken into account, and times of day go on over midnight. Where 3/4 may be in March or in April, it is
+    what makes the record shorter.
     """
     first = next((text for text in texts if text and IS_MOMENT.match(text)), "")
     found = [_read(texts, form) for form in _FORMS if re.match(form, first)]
@@ -64,5 +67,8 @@ def _read(texts: Any, form: str) -> Array:
         seconds=3600 * hours + 60 * (number("minute") - ahead) + number("second"),
     )
     day, second = (rows[name].cast(polars.Float64).to_numpy() for name in ("days", "seconds"))
-    values = 86400.0 * (day - (np.nanmin(day) if np.isfinite(day).any() else 0.0)) + second
+    values = DAY * (day - (np.nanmin(day) if np.isfinite(day).any() else 0.0)) + second
+    if "year" not in names:
+        known = np.isfinite(values)
+        values[known] += DAY * np.append(0.0, np.cumsum(np.diff(values[known]) < -MIDNIGHT * DAY))
     return np.asarray(values - (np.nanmin(values) if np.isfinite(values).any() else 0.0))

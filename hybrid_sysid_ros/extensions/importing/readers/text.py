@@ -22,6 +22,11 @@ MOST_LINES = 200
 """Lines that may stand before the numbers."""
 DELIMITERS = (";", "\t", ",", "|")
 MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None", "-", "inf", "-inf", "#N/A"]
+SWITCHES = {
+    **dict.fromkeys(("on", "true", "yes", "ein", "an", "ja", "ligado", "sim"), 1.0),
+    **dict.fromkeys(("off", "false", "no", "aus", "nein", "desligado", "não"), 0.0),
+}
+"""Words of switches and of programs, in small letters, as numbers."""
 _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?$")
 _APART = re.compile(r"\d\s+[-+]?\d")
 """Two numbers with blanks between them."""
@@ -42,6 +47,8 @@ class TextForm:
     units: tuple[str, ...]
     moments: frozenset[str]
     """Columns with dates and times of day."""
+    switches: frozenset[str]
+    """Columns of on and off."""
     trailing: bool
     """Whether each line ends in a delimiter."""
 
@@ -79,7 +86,8 @@ class TextFile(LogFile):
         import polars
 
         trailing = {"": polars.String} if self.form.trailing else {}
-        kinds = {name: polars.String if name in self.form.moments else polars.Float64 for name in self.form.names}
+        texts = self.form.moments | self.form.switches
+        kinds = {name: polars.String if name in texts else polars.Float64 for name in self.form.names}
         rows = polars.scan_csv(
             self._bytes() if self._wide else self.path, separator=self.form.delimiter,
             decimal_comma=self.form.comma, has_header=False,
@@ -87,10 +95,15 @@ class TextFile(LogFile):
             encoding="utf8-lossy", truncate_ragged_lines=True, glob=False,
         )  # fmt: skip
         table = rows.select(names).collect()
-        return {
-            name: seconds_of_moments(table[name]) if name in self.form.moments else table[name].to_numpy()
-            for name in names
-        }
+
+        def numbers(name: str) -> Array:
+            if name in self.form.moments:
+                return seconds_of_moments(table[name])
+            if name in self.form.switches:
+                return np.array([_number(text or "") for text in table[name]])
+            return np.asarray(table[name].to_numpy())
+
+        return {name: numbers(name) for name in names}
 
     def _bytes(self) -> bytes:
         """The file in UTF-8, which is all that the library reads."""
@@ -132,10 +145,11 @@ def _form(rows: list[list[str]], first: int, delimiter: str, trailing: bool) -> 
         if taken[names[k]] > 1:
             names[k] = f"{names[k]}_{taken[names[k]]}"
     moments = frozenset(name for k, name in enumerate(names) if IS_MOMENT.match(data[0][k]))
+    switches = frozenset(name for k, name in enumerate(names) if data[0][k].lower() in SWITCHES)
     units = ["s" if name in moments else unit for name, unit in zip(names, units, strict=True)]
     return TextForm(
         delimiter=delimiter, comma=comma, skipped=first, names=tuple(names), units=tuple(units), moments=moments,
-        trailing=trailing,
+        switches=switches, trailing=trailing,
     )  # fmt: skip
 
 
@@ -186,6 +200,8 @@ def _check_signs(rows: list[list[str]], first: int, path: Path) -> None:
 
 def _number(cell: str) -> float:
     """The number in a cell; NaN where there is none."""
+    if (switch := SWITCHES.get(cell.strip(' "').lower())) is not None:
+        return switch
     try:
         return float(cell.replace(",", ".").lower().replace("d", "e"))
     except ValueError:

@@ -122,6 +122,44 @@ def test_units_that_end_names_and_counts_since_1970_are_read(imported, tmp_path,
     assert_same(read(tmp_path))
 
 
+@pytest.mark.parametrize(("name", "first"), [("Date", 45000.0), ("time", 738000.0)])
+def test_days_of_spreadsheets_and_of_matlab_are_days(imported, tmp_path, name, first):
+    """Of 1 s a row, which rounds to nine digits of a day."""
+    file = table(tmp_path / "log.csv", f"{name},drive,position", first + 100.0 * TIME / 86400.0, DRIVE, POSITION,
+                 form="%.12f")  # fmt: skip
+    assert "one in 1 s" in status_of(imported(file))
+
+
+def test_times_of_day_go_on_over_midnight(imported, tmp_path):
+    first = datetime(2024, 3, 3, 23, 59, 58)
+    stamps = [(first + timedelta(seconds=time)).strftime("%H:%M:%S.%f") for time in TIME.tolist()]
+    rows = [f"{stamp};{drive};{position}" for stamp, drive, position in zip(stamps, DRIVE, POSITION, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["Uhrzeit;drive;position", *rows]))
+    assert "one in 0.01 s" in status_of(imported(str(tmp_path / "log.csv")))
+    assert_same(read(tmp_path))
+
+
+@pytest.mark.parametrize("delimiter", [",", " "])
+def test_on_and_off_are_one_and_zero(imported, tmp_path, delimiter):
+    words = np.where(DRIVE > 0.0, "on", "OFF")
+    rows = [delimiter.join((f"{t:.2f}", w, f"{y:.6f}")) for t, w, y in zip(TIME, words, POSITION, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join([delimiter.join(("time", "drive", "position")), *rows]))
+    status_of(imported(str(tmp_path / "log.csv")))
+    np.testing.assert_array_equal(read(tmp_path).input[:-1, 0], (DRIVE > 0.0)[:-1])
+
+
+def test_a_slow_output_is_sampled_where_it_was_measured(imported, tmp_path):
+    """Beside an input in each row, whose means between two measurements act."""
+    slow = np.where(np.arange(400) % 4 == 0, POSITION, np.nan)
+    said = status_of(imported(table(tmp_path / "log.csv", "time,drive,position", TIME, DRIVE, slow)))
+    assert "position comes only every 0.04 s" in said
+    record = read(tmp_path)
+    assert record.sampling_time == pytest.approx(0.04)
+    assert record.measured is None or record.measured.all()
+    np.testing.assert_allclose(record.output[:, 0], POSITION[::4], atol=1e-9)
+    np.testing.assert_allclose(record.input[:-1, 0], DRIVE.reshape(-1, 4).mean(axis=1)[:-1], atol=1e-9)
+
+
 def test_a_column_that_rises_is_named_where_no_name_says_time(imported, tmp_path):
     file = table(tmp_path / "log.csv", "row,drive,position", np.arange(400), DRIVE, POSITION)
     refused(imported(file), "row rises throughout", "--column time=row")
