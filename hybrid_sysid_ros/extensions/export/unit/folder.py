@@ -154,7 +154,7 @@ def _compiler() -> str:
         names = ", ".join(compiler.COMPILERS)
         raise UserError(
             f"export: there is no C compiler ({names}), so that the unit can't be checked; install one (apt install "
-            "gcc). policy export and model export work without one"
+            "gcc). policy export, model export, export urdf and the FMU of a model work without one"
         )
     return found
 
