@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -78,9 +77,6 @@ def mpc(
         covariance = None if "parameters" in tightening else covariance_of(used, system)
     given = {name: value for name, value in further.items() if value is not None}
     problem = mpc_problem(values, described, system, further=given, covariance=covariance)
-    words = {word for term in problem.terms for word in re.findall(r"[^\W\d]\w*", term.value)}
-    if idle := [name for name in stage if name not in words]:
-        raise UserError(f"stage_parameters names {idle[0]!r}, which no term has: use it in a formula, or leave it out")
     if solver == "exact":
         return wrap_for_rig(described, system, ExactMpc(system, problem, real_time=values["real_time"]))
     made: Controller = extensions.one("solvers", "ipopt")(system, problem)

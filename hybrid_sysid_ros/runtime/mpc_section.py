@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -70,6 +71,7 @@ def extended(
     if problem.stage_parameters and isinstance(fields.get("stage_parameters"), Mapping):
         fields["stage_parameters"] = {**dict(problem.stage_parameters), **fields["stage_parameters"]}
     problem = replace(problem, **fields).sized(system)
+    _check_used(problem)
     if OPERATING in given:
         problem = about(system, problem, given[OPERATING])
     if RICCATI in given:
@@ -80,6 +82,15 @@ def extended(
     if TIGHTENING in given:
         problem = tightened(system, problem, Tightening.declared(given[TIGHTENING]), covariance)
     return problem
+
+
+def _check_used(problem: ControlProblem) -> None:
+    """Raise UserError for a parameter of the stages that no term has."""
+    words = {word for term in problem.terms for word in re.findall(r"[^\W\d]\w*", term.value)}
+    if idle := [name for name, _ in problem.stage_parameters if name not in words]:
+        raise UserError(
+            f"mpc: stage_parameters names {idle[0]!r}, which no term has: use it in a formula, or leave it out"
+        )
 
 
 def declared(rig: Rig, system: System, problem: ControlProblem) -> ControlProblem:
