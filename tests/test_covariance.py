@@ -31,11 +31,11 @@ def by_double_sum(jacobian, residuals, edges, lags):
     """H^-1 (f sum of w_k s_t s_{t+k}' within each record, and the priors) H^-1, as Newey and West print it, widened."""
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     priors, middle = jacobian[edges[-1] :], np.zeros_like(inverse)
-    for begin, end in pairwise(edges):
+    for (begin, end), longest in zip(pairwise(edges), lags, strict=True):
         scores = jacobian[begin:end] * residuals[begin:end, None]
         for i in range(len(scores)):
             for j in range(len(scores)):
-                middle += max(0.0, 1 - abs(i - j) / (lags + 1)) * np.outer(scores[i], scores[j])
+                middle += max(0.0, 1 - abs(i - j) / (longest + 1)) * np.outer(scores[i], scores[j])
     return inverse @ (widening(edges, lags) * middle + priors.T @ priors) @ inverse
 
 
@@ -45,7 +45,7 @@ def test_it_is_the_sum_of_newey_and_west_within_each_record():
     jacobian, residuals = random.normal(size=(125, 3)), np.cumsum(random.normal(size=125)) / 5
     naive, robust = covariances(jacobian, residuals, edges)
     np.testing.assert_allclose(naive, np.linalg.inv(jacobian.T @ jacobian), rtol=1e-9)
-    np.testing.assert_allclose(robust, by_double_sum(jacobian, residuals, edges, lags=24 // 4), rtol=1e-9)
+    np.testing.assert_allclose(robust, by_double_sum(jacobian, residuals, edges, lags=np.array([10, 6, 14])), rtol=1e-9)
     np.testing.assert_allclose(robust, robust.T)
     assert np.all(np.linalg.eigvalsh(robust) > 0)
 
@@ -59,7 +59,9 @@ def test_long_records_are_unrelated_after_the_longest_lag():
     correlation = np.correlate(scores, scores, mode="full")[samples - 1 :][: LONGEST_LAG + 1]
     weights = 1 - np.arange(LONGEST_LAG + 1) / (LONGEST_LAG + 1)
     weights[1:] *= 2
-    expected = weights @ correlation / np.sum(jacobian**2) ** 2 * widening(np.array([0, samples]), LONGEST_LAG)
+    expected = (
+        weights @ correlation / np.sum(jacobian**2) ** 2 * widening(np.array([0, samples]), np.array([LONGEST_LAG]))
+    )
     assert robust[0, 0] == pytest.approx(expected, rel=1e-9)
 
 
@@ -128,8 +130,10 @@ def test_naive_errors_are_only_where_errors_are_white(repeated):
 
 def test_errors_are_widened_for_short_records_only():
     """To the quantile of Student's distribution of 1.5 N / L degrees, and by what the fit took of the scores."""
-    assert widening(np.array([0, 10**6]), 0) == pytest.approx(1.0, abs=1e-4)
-    assert widening(np.array([0, 400, 800]), 99) == pytest.approx((1.782 / 1.645) ** 2 / (1 - 100 / 800), rel=2e-3)
+    assert widening(np.array([0, 10**6]), np.array([0])) == pytest.approx(1.0, abs=1e-4)
+    assert widening(np.array([0, 400, 800]), np.array([99, 99])) == pytest.approx(
+        (1.782 / 1.645) ** 2 / (1 - 100 / 800), rel=2e-3
+    )
 
 
 def test_two_that_act_as_one_are_unknown_and_a_third_is_not():
@@ -257,6 +261,22 @@ def test_blocks_apart_spread_as_their_own_means():
     levels = np.repeat([0.3, -0.1, 0.4, 0.1], 50)
     found = block_spread(np.ones((200, 1)), levels, np.array([0, 100, 200]))
     assert found[0] == pytest.approx(np.std([0.3, -0.1, 0.4, 0.1], ddof=1) / 2)
+
+
+def test_a_short_piece_of_a_record_says_little_of_the_spread_and_of_the_errors_colour():
+    """A slope by white regressors in coloured errors: 20 rows beside 4000, and without them."""
+    random = np.random.default_rng(3)
+    regressor, errors = np.repeat(random.normal(size=(402, 1)), 10, axis=0), np.zeros(4020)
+    for k in range(1, 4020):
+        errors[k] = 0.95 * errors[k - 1] + random.normal()
+    regressor[:20] *= 1e-3  # which moves little there
+    both, alone = np.array([0, 20, 4020]), np.array([0, 4000])
+    assert block_spread(regressor, errors, both)[0] < 3.0 * block_spread(regressor[20:], errors[20:], alone)[0]
+    found, without = (
+        covariances(jacobian, residuals, edges)[1][0, 0]
+        for jacobian, residuals, edges in ((regressor, errors, both), (regressor[20:], errors[20:], alone))
+    )
+    assert found == pytest.approx(without, rel=0.1)
 
 
 def test_searches_from_both_sides_end_at_the_best_and_count_the_others():

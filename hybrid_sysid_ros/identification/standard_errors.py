@@ -42,12 +42,13 @@ def covariances(
     after edges[-1] are priors, whose own covariance is ``priors``, by default of deviation one. With H = J' J and the
     scores s_t = J_t e_t the robust one is
 
-        H^-1 (sum_k w_k sum_t s_t s_{t+k}' f + J_prior' C J_prior) H^-1,   w_k = 1 - |k| / (L + 1), within a record,
+        H^-1 (sum_k w_k sum_t s_t s_{t+k}' f + J_prior' C J_prior) H^-1,   w_k = 1 - |k| / (L_i + 1), within a record,
 
     which holds for errors of any colour: Newey & West (1987), Econometrica 55(3); for free runs, whose errors
-    are never white, Ljung (1999), System Identification, 2nd ed., section 9.2. L: a quarter of the shortest record, at
-    most LONGEST_LAG. f widens it for short records: the sum has about 1.5 N / L degrees of freedom, so that a normal
-    interval is too short (Kiefer & Vogelsang 2005, Econometric Theory 21(6)), and the scores' sum is zero by the fit.
+    are never white, Ljung (1999), System Identification, 2nd ed., section 9.2. L_i: a quarter of the record, at
+    most LONGEST_LAG. f widens it for short records: the sum has about 1.5 sum_i N_i / L_i degrees of freedom, so that a
+    normal interval is too short (Kiefer & Vogelsang 2005, Econometric Theory 21(6)), and the scores' sum is zero by the
+    fit.
     shifts (k, rows): errors of the rows that are known up to their sign, such as that of the integration step; each
     adds the square of what it moves.
 
@@ -68,10 +69,12 @@ def covariances(
     return inverse, robust
 
 
-def long_run(jacobian: Array, residuals: Array, edges: NDArray[np.int64], lags: int) -> Array:
-    """The long-run covariance of the scores times their number, (n, n), by Bartlett's weights."""
+def long_run(jacobian: Array, residuals: Array, edges: NDArray[np.int64], longest: NDArray[np.int64]) -> Array:
+    """The long-run covariance of the scores times their number, (n, n), by Bartlett's weights. longest: L_i
+    (records,).
+    """
     found = np.zeros((jacobian.shape[1], jacobian.shape[1]))
-    for begin, end in pairwise(edges):
+    for (begin, end), lags in zip(pairwise(edges), longest.tolist(), strict=True):
         scores = jacobian[begin:end] * residuals[begin:end, None]
         # Squared sums over L + 1 samples equal the weighted sum over lags.
         total = np.cumsum(
@@ -84,18 +87,23 @@ def long_run(jacobian: Array, residuals: Array, edges: NDArray[np.int64], lags: 
 
 def block_spread(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> Array:
     """Standard errors (n,) by the spread of what each record, or block of one, would say alone, from one Gauss-Newton
-    step; at least BLOCKS blocks, each with all priors. It grows with errors of the model, which differ between them.
+    step; at least BLOCKS blocks, each with all priors, and as heavy as it determines the number (inverse variances;
+    Cochran 1954, Biometrics 10(1)). It grows with errors of the model, which differ between blocks.
     """
     cuts, pieces = [0], -(-BLOCKS // (len(edges) - 1))
     for begin, end in pairwise(edges):
         cuts += np.linspace(begin, end, pieces + 1).astype(int)[1:].tolist()
     rows = slice(edges[-1], None)
     prior, gradient = jacobian[rows].T @ jacobian[rows], jacobian[rows].T @ residuals[rows]
-    moves = []
+    moves, weights = [], []
     for begin, end in pairwise(cuts):
         own = jacobian[begin:end]
-        moves.append(_inverse(own.T @ own + prior)[0] @ (own.T @ residuals[begin:end] + gradient))
-    return np.asarray(np.std(moves, axis=0, ddof=1) / np.sqrt(len(moves)))
+        inverse, unknown = _inverse(own.T @ own + prior)
+        moves.append(inverse @ (own.T @ residuals[begin:end] + gradient))
+        weights.append(np.where(unknown, 0.0, 1.0 / np.where(unknown, 1.0, np.diag(inverse))))
+    shares = np.array(weights) / np.maximum(np.sum(weights, axis=0), np.finfo(float).tiny)
+    squares = np.square(np.array(moves) - np.sum(shares * moves, axis=0))
+    return np.asarray(np.sqrt(np.sum(shares * squares, axis=0) / (len(moves) - 1)))
 
 
 def confidence(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> float:
@@ -132,9 +140,9 @@ def secant_jacobian(
     return jacobian
 
 
-def _lags(edges: NDArray[np.int64]) -> int:
-    """L: a quarter of the shortest record, at most LONGEST_LAG."""
-    return int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
+def _lags(edges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """L of each record: a quarter of it, at most LONGEST_LAG."""
+    return np.minimum(np.diff(edges) // 4, LONGEST_LAG)
 
 
 def _inverse(information: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -149,10 +157,10 @@ def _inverse(information: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.asarray((strong / values[~weak]) @ strong.T), unknown
 
 
-def widening(edges: NDArray[np.int64], lags: int) -> float:
-    """The factor f of a covariance for records of the given rows; 1 for long ones."""
-    rows = int(edges[-1])
-    return student_factor(1.5 * rows / (lags + 1)) ** 2 / (1.0 - min((lags + 1) / rows, 0.5))
+def widening(edges: NDArray[np.int64], lags: NDArray[np.int64]) -> float:
+    """The factor f of a covariance for records of the given rows, with lags (records,); 1 for long ones."""
+    rows, longest = np.diff(edges), int(np.max(lags)) + 1
+    return student_factor(1.5 * float(np.sum(rows / (lags + 1)))) ** 2 / (1.0 - min(longest / int(edges[-1]), 0.5))
 
 
 def student_factor(freedom: float) -> float:
