@@ -254,7 +254,7 @@ class MonitoredEstimator:
         if elapsed := time_to_judge(watch, time):
             self._judge(estimate, applied, elapsed)
             if self.trial is not None and is_any_left_out(sensors) and may_try(self.tried, sensors, shown):
-                self._try_again(self.trial, time, acting, elapsed)
+                estimate = self._try_again(self.trial, time, acting, elapsed) or estimate
             if (
                 self.rivals
                 and not have_jumped(self.monitor.record)
@@ -279,18 +279,23 @@ class MonitoredEstimator:
             self.tried.agreed = math.nan
         watch_estimate(self.watch, sensors, estimate.disturbance.tolist(), self.limits.tolist(), elapsed)
 
-    def _try_again(self, whole: Estimator, time: float, applied: Array, elapsed: float) -> None:
-        """Use all sensors again once a second estimate, which begins anew where they contradict it, agrees with all."""
+    def _try_again(self, whole: Estimator, time: float, applied: Array, elapsed: float) -> StateEstimate | None:
+        """Use all sensors again once a second estimate, which begins anew where they contradict it, agrees with all;
+        that estimate, from where the loop is led on.
+        """
         tried, second = self.tried, self.agreement
         if math.isnan(tried.agreed):
             whole.reset()
             renew(second.sensors)
             tried.agreed = 0.0
-        normalised = whole.update(time, self.shown, applied).normalised.tolist()
-        if agrees(tried, second.record, second.sensors, self.shown.tolist(), normalised, elapsed):
-            whole.counters, self.filter.counters = self.filter.counters, whole.counters
-            self.filter, self.trial = whole, self.filter
-            readmit(self.monitor.sensors)
+        estimate = whole.update(time, self.shown, applied)
+        normalised = estimate.normalised.tolist()
+        if not agrees(tried, second.record, second.sensors, self.shown.tolist(), normalised, elapsed):
+            return None
+        whole.counters, self.filter.counters = self.filter.counters, whole.counters
+        self.filter, self.trial = whole, self.filter
+        readmit(self.monitor.sensors)
+        return estimate
 
     def _compete(self, time: float, acting: Array, elapsed: float) -> StateEstimate | None:
         """Update both rivals; the estimate of the one with the other sign where that is believed."""

@@ -32,6 +32,7 @@ def driven(string, *, top=1.0, torque=1.0, mean=0.8):
         readings = plant.sensed().copy()
         readings[TOP] *= top if wrong else 1.0
         estimate = estimator.update(k * PERIOD, readings, inputs)
+        assert estimate.state == pytest.approx(estimator.filter._look().state), "the one that is used answers"
         out.append(list(estimator.monitor.left_out))
         errors.append(estimate.state[1] - plant.outputs()[BIT])
         inputs = np.array([mean + 0.4 * math.sin(4.0 * k * PERIOD)])  # the bit turns without sticking

@@ -152,9 +152,10 @@ def _try_again(loop: PrintedLoop, time: float, elapsed: float) -> None:
     normalised = out[first : first + core.outputs]
     if agrees(tried, monitor.core[0], monitor.agreement, monitor.shown, normalised, elapsed):
         readmit(monitor.sensors)
+        _take_over(loop)
     else:
         exchange(loop, TRIAL)
-    copy(before, out)
+        copy(before, out)
     loop.progress[0].resets = resets
 
 
