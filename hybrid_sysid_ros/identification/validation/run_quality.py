@@ -108,8 +108,8 @@ def _explained(system: System, experiment: PreparedRecord, run: Array) -> RunQua
         if alike < ALIKE or 1.0 / NEAR < factor < NEAR:
             return RunQuality(
                 kind="unexplained",
-                sentence=f"{name}: the model does not explain {item.name}, and no factor of it would help: it is not "
-                "of this system, or what moves it is not among the inputs",
+                sentence=f"{name}: the model does not explain {item.name}, and no factor of it would help: its law "
+                "can't say this motion, it is not of this system, or what moves it is not among the inputs (guesses)",
             )
         better = (
             f"{name}: multiplied by {factor:.3g}, the run of {item.name} would have R2 {alike:.2f} (over its second "
