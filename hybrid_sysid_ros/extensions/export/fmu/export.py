@@ -196,7 +196,7 @@ def _page(content: FmuContent) -> str:
 def _compared_simulation(made: Simulation, path: Path) -> float:
     """The largest difference of states and outputs from Python's under random inputs, which leave their bounds."""
     random, period, (low, high) = np.random.default_rng(0), made.rig.step, made.rig.limits
-    steps = min(STEPS, round(SECONDS / period))
+    steps = steps_of(period)
     with RunningFmu(path) as fmu:
         names = [item.name for item in fmu.description.modelVariables]
         given = names[1 : 1 + len(low)]
@@ -218,6 +218,11 @@ def _compared_simulation(made: Simulation, path: Path) -> float:
             expected = np.column_stack([outputs, states])
             largest = max(largest, _checked(expected, np.array(found), "states or outputs", TOLERANCE))
     return largest
+
+
+def steps_of(period: float) -> int:
+    """Steps of a run of a comparison, SECONDS and at least one level of the inputs; period: of a step [s]."""
+    return min(STEPS, max(HELD, round(SECONDS / period)))
 
 
 def _compared_loop(fmu: RunningFmu, content: FmuContent, questions: Any, answers: Any, tolerance: float) -> float:

@@ -44,6 +44,11 @@ def test_a_model_in_its_rig_s_place_is_the_model():
     np.testing.assert_allclose(states, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize(("period", "steps"), [(1e-4, export.STEPS), (0.005, 400), (14.0, export.HELD)])
+def test_a_slow_model_is_compared_over_some_steps(period, steps):
+    assert export.steps_of(period) == steps
+
+
 def test_without_fmpy_it_says_what_to_install(tmp_path, monkeypatch):
     rig, model = loaded()
     monkeypatch.setitem(sys.modules, "fmpy", None)
