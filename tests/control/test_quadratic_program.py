@@ -74,6 +74,22 @@ def test_a_soft_row_is_violated_at_its_price():
     assert program.solution[0] == pytest.approx(1.3, abs=1e-9)
 
 
+@pytest.mark.parametrize("share", [0.5, 2.0])
+def test_a_search_that_begins_at_the_solution_ends_there_at_once(share):
+    """min |x - 2|^2 / 2, x <= 1 softly: kept where a distance costs more than the multiplier of 1, else violated."""
+    many = 6
+    program, _memory = quadratic_program(
+        many, many, soft_rows=np.ones(many, bool), soft_linear=np.full(many, share), soft_quadratic=np.ones(many)
+    )
+    program.gradient[:], program.rows[:] = -2.0, np.eye(many)
+    program.lower[:], program.upper[:many], program.upper[many:] = -10.0, 10.0, 1.0
+    for _ in range(2):
+        assert solve(program, ALL)
+        keep_working_set(program)
+    np.testing.assert_allclose(program.solution, 1.0 + max(1.0 - share, 0.0) / 3.0, atol=1e-9)
+    assert quadratic._Result.from_buffer(program.result.data).iterations == 1
+
+
 def test_a_program_without_solution_is_reported():
     program, _memory = quadratic_program(1, 1)
     program.rows[:] = 1.0

@@ -28,8 +28,10 @@ from hybrid_sysid_ros.support.versions import DAQP_STRUCTURES
 MATRICES, GRADIENT, BOUNDS, STATES = 1 | 2, 4, 8, 16
 """Changes since the last solution: hessian and rows, gradient, bounds, states of the constraints."""
 
-ACTIVE, AT_LOWER, SOFT = 1, 2, 8
-"""State flags of a constraint: in the working set, at its lower bound, and soft, which is violated at a price."""
+ACTIVE, AT_LOWER, SOFT, KEPT = 1, 2, 8, 32
+"""State flags of a constraint: in the working set, at its lower bound, soft, which is violated at a price, and soft but
+kept, since leaving it costs more than it gains.
+"""
 
 TOLERANCE = 1e-9
 """Largest violation of a bound, relative to the length of its row."""
@@ -102,9 +104,9 @@ class Program(Shared):
     """min x'H x / 2 + f'x over lower <= [x; R x] <= upper, for compiled code.
 
     hessian (variables, variables), gradient (variables,), rows (rows, variables), lower and upper (variables + rows,),
-    states (variables + rows,) of the constraints, solution (variables,), multipliers (variables + rows,), positive at
-    an upper bound: H x + f + [I R'] multipliers = 0. result: the library's result. addresses: those of its structures
-    and functions.
+    states and prices (variables + rows,) of the constraints, linear ones of the distance from soft ones, solution
+    (variables,), multipliers (variables + rows,), positive at an upper bound: H x + f + [I R'] multipliers = 0. result:
+    the library's result. addresses: those of its structures and functions.
     """
 
     hessian: Array
@@ -113,6 +115,7 @@ class Program(Shared):
     lower: Array
     upper: Array
     states: NDArray[np.int32]
+    prices: Array
     solution: Array
     multipliers: Array
     result: NDArray[np.int32]
@@ -141,6 +144,7 @@ def quadratic_program(
         lower=np.full(constraints, -1.0),
         upper=np.full(constraints, 1.0),
         states=np.zeros(constraints, np.int32),
+        prices=np.zeros(constraints),
         solution=np.zeros(variables),
         multipliers=np.zeros(constraints),
         result=np.zeros(ctypes.sizeof(_Result) // 4, np.int32),
@@ -175,7 +179,7 @@ def quadratic_program(
         raise UserError(f"the quadratic program can't be set up (flag {flag}); check that the weights are finite")
     soft = None
     if soft_rows is not None and np.any(soft_rows):
-        linear, quadratic = np.zeros(constraints), np.zeros(constraints)
+        linear, quadratic = program.prices, np.zeros(constraints)
         linear[variables:] = 0.0 if soft_linear is None else soft_linear
         quadratic[variables:] = 0.5 / (1.0 if soft_quadratic is None else soft_quadratic)
         weigh = _function("daqp_set_soft_weights", ctypes.c_int, *[_POINTER] * 5)
@@ -216,13 +220,17 @@ def factorise(program: Program) -> bool:
 
 @inner
 def keep_working_set(program: Program) -> None:
-    """Let the next search begin with the working set of this solution."""
+    """Let the next search begin with the working set of this solution. A soft constraint that is kept is marked: the
+    search would take it for a violated one, and need a change of the working set for each.
+    """
     for i in range(program.states.shape[0]):
         state = program.states[i] & SOFT
         if program.multipliers[i] > 0.0:
             state |= ACTIVE
         elif program.multipliers[i] < 0.0:
             state |= ACTIVE | AT_LOWER
+        if state & SOFT and abs(program.multipliers[i]) < program.prices[i]:
+            state |= KEPT
         program.states[i] = state
 
 
