@@ -25,4 +25,4 @@ def test_the_steps_to_a_solution_on_bent_bounds_do_not_depend_on_rounding(solver
     solver.reset()
     plan = solver.control(state + size * np.random.default_rng(0).normal(size=len(state)), *others)
     assert plan.status is Status.SOLVED
-    assert solver.iterations <= 60
+    assert solver.iterations <= 30

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.condensing import factor
+from hybrid_sysid_ros.control.mpc.eigenvalues import find_lack
 from hybrid_sysid_ros.control.mpc.forms import add_forms, mirror_hessian
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
-from hybrid_sysid_ros.control.mpc.linearisation import end_of_interval, set_out, set_stage
+from hybrid_sysid_ros.control.mpc.linearisation import assign_rows, end_of_interval, set_out, set_stage
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.core.call import call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner
@@ -83,6 +84,12 @@ far from the reference is much larger than Gauss-Newton's.
 """
 
 
+SETTLED = 1
+"""Most constraints that come into the working set of a step or leave it where the active ones are taken for those of
+the solution.
+"""
+
+
 @inner
 def keep_derivatives(horizon: Horizon) -> None:
     """Keep [A, B] and their iterate for :func:`update_curvature`."""
@@ -137,23 +144,43 @@ def add_curvature(horizon: Horizon, program: Program, bending: bool) -> None:
     """Add the curvature of all intervals to the Hessian, and make it positive definite. bending: also that of the
     values, at their ends.
     """
-    largest = 0.0
+    largest, factor = 0.0, np.empty_like(program.hessian)
     for c in range(program.gradient.shape[0]):
         largest = max(largest, program.hessian[c, c])
     add_forms(horizon, program, True, bending)
     mirror_hessian(program)
-    _make_positive(horizon, program, largest)
+    if _factorise(program.hessian, factor):
+        return
+    if horizon.progress[0].changed > SETTLED:
+        _make_convex(horizon, program, bending)
+    if not _factorise(program.hessian, factor):
+        _make_positive(horizon, program, largest)
+
+
+@inner
+def _make_convex(horizon: Horizon, program: Program, bending: bool) -> None:
+    """Add to the Hessian what the curvature of each interval lacks to be positive semidefinite: the bounds that are
+    active say nothing yet about where inputs will be free.
+    """
+    curvature, bend, kept = horizon.lagrangian.curvature, horizon.lagrangian.bend, horizon.lagrangian.kept
+    for i in range(curvature.shape[0]):
+        assign_rows(curvature[i], kept[i])
+        find_lack(curvature[i])
+        if bending:
+            find_lack(bend[i])
+    add_forms(horizon, program, True, bending)
+    mirror_hessian(program)
+    for i in range(curvature.shape[0]):
+        assign_rows(kept[i], curvature[i])
 
 
 @inner
 def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
-    """Make the Hessian positive definite, if it is not, without changing it where inputs are free: by curvature across
+    """Make a Hessian that is not positive definite so, without changing it where inputs are free: by curvature across
     the active constraints (Nocedal & Wright 2006, section 17.3), and, only where it is still indefinite, by a shift of
     its diagonal, which shortens all steps.
     """
     hessian, factor = program.hessian, np.empty_like(program.hessian)
-    if _factorise(hessian, factor):
-        return
     hold = HOLD * largest
     for c in range(hessian.shape[0]):
         hold = max(hold, HOLD * abs(hessian[c, c]))

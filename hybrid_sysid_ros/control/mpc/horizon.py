@@ -167,6 +167,8 @@ class Lagrangian(Shared):
     """Second derivatives by the states at an interval's end and its inputs, (N, n + m, n + m): Gauss-Newton's of the
     cost, then those of the values, weighted by their factors in the Lagrangian.
     """
+    kept: Array
+    """Those of ``curvature`` while the Hessian is made convex, (N, n + m, n + m)."""
     jacobian: Array
     """[A, B] of each interval at the previous iterate, (N, n, n + m)."""
     point: Array
@@ -197,9 +199,13 @@ class Work(Shared):
     """(n,)."""
 
 
-PROGRESS = np.dtype([("steps", "i8"), ("residual", "f8"), ("with_curvature", "?"), ("foreseen", "i8"), ("cost", "f8")])
-"""Progress of a solution: steps made, the residual before the last one, whether curvature is used, how many real-time
-steps in a row cost what was predicted, and what the newest of them costs, NaN where that was not simulated.
+PROGRESS = np.dtype(
+    [*((name, "i8") for name in ("steps", "changed", "foreseen")), *((name, "f8") for name in ("residual", "cost"))]
+    + [("with_curvature", "?")]
+)
+"""Progress of a solution: steps made, how many constraints came into the last step's working set or left it, how many
+real-time steps in a row cost what was predicted, the residual before the last step, the cost of the newest real-time
+step, NaN where that was not simulated, and whether curvature is used.
 """
 
 
@@ -298,7 +304,8 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
         step=SolutionStep(**_zeros(**path)),
         lagrangian=Lagrangian(
             **_zeros(adjoint=(count + 1, n), curvature=(count, n + m, n + m)),
-            **_zeros(bend=(count, n + m, n + m), jacobian=(count, n, n + m), point=(count, n + m)),
+            **_zeros(bend=(count, n + m, n + m), kept=(count, n + m, n + m)),
+            **_zeros(jacobian=(count, n, n + m), point=(count, n + m)),
         ),
         progress=np.zeros(1, PROGRESS),
         work=Work(

@@ -219,10 +219,11 @@ def factorise(program: Program) -> bool:
 
 
 @inner
-def keep_working_set(program: Program) -> None:
-    """Let the next search begin with the working set of this solution. A soft constraint that is kept is marked: the
-    search would take it for a violated one, and need a change of the working set for each.
+def keep_working_set(program: Program) -> int:
+    """Let the next search begin with the working set of this solution; return how many constraints came or went. A soft
+    constraint that is kept is marked: the search would take it for a violated one, and need a change for each.
     """
+    changed = 0
     for i in range(program.states.shape[0]):
         state = program.states[i] & SOFT
         if program.multipliers[i] > 0.0:
@@ -231,7 +232,10 @@ def keep_working_set(program: Program) -> None:
             state |= ACTIVE | AT_LOWER
         if state & SOFT and abs(program.multipliers[i]) < program.prices[i]:
             state |= KEPT
+        if (state ^ program.states[i]) & ACTIVE:
+            changed += 1
         program.states[i] = state
+    return changed
 
 
 @inner

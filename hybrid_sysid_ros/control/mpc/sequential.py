@@ -100,7 +100,7 @@ def solve(
         _find_hessian(prediction, horizon, program, instance, error, last)
         if not _solve_program(horizon, program):
             return SolverResult(False, 0, error)
-        quadratic.keep_working_set(program)
+        progress.changed = quadratic.keep_working_set(program)
         cost = search_along(prediction, horizon, program, instance, cost, made == 0, True)
         last = error
         progress.steps += 1
@@ -158,7 +158,7 @@ def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, an
     progress = horizon.progress[0]
     progress.cost = np.nan
     if anew:
-        progress.steps, progress.residual, progress.with_curvature = 0, 0.0, False
+        progress.steps, progress.residual, progress.with_curvature, progress.changed = 0, 0.0, False, 0
     look_along(prediction, horizon, instance, True)
     return cost_of(horizon, instance)  # type: ignore[no-any-return]
 
