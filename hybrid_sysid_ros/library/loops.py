@@ -18,6 +18,7 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
+from hybrid_sysid_ros.library.compiling import announce_compiling
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -153,6 +154,7 @@ def simulate(
     No clock is read and no answer is late, so a loop repeats bit by bit. Raises UserError where rig, model, policy and
     parameters don't fit each other.
     """
+    announce_compiling()
     described = arguments.rig_of(rig)
     used = used_model(described, model)
     values = settings_of(described, parameters)

@@ -12,6 +12,7 @@ from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.tightening import covariance_of
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
+from hybrid_sysid_ros.library.compiling import announce_compiling
 from hybrid_sysid_ros.library.loops import settings_of, used_model
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.runtime.configuration import controller_model, mpc_problem, wrap_for_rig
@@ -54,6 +55,7 @@ def mpc(
     Raises UserError for a formula that can't be evaluated, a hard bound on states, and values that don't cover the
     horizon.
     """
+    announce_compiling()
     described = arguments.rig_of(rig)
     given = arguments.mapping_of(parameters, "parameters", '{"horizon": 10}')
     for name in given:

@@ -49,6 +49,10 @@ class MpcAnswers(Shared):
     residuals: Array
     """(rows,)."""
 
+    def __repr__(self) -> str:
+        rows, horizon, _ = self.inputs.shape
+        return f"MpcAnswers({np.count_nonzero(self.solved)} of {rows} solved, {horizon} intervals)"
+
     @classmethod
     def empty(cls, rows: int, horizon: int, states: int, inputs: int) -> MpcAnswers:
         """Room for some rows."""

@@ -230,9 +230,9 @@ def keep_working_set(program: Program) -> int:
             state |= ACTIVE
         elif program.multipliers[i] < 0.0:
             state |= ACTIVE | AT_LOWER
-        if state & SOFT and abs(program.multipliers[i]) < program.prices[i]:
+        if state & SOFT != 0 and abs(program.multipliers[i]) < program.prices[i]:
             state |= KEPT
-        if (state ^ program.states[i]) & ACTIVE:
+        if state & ACTIVE != program.states[i] & ACTIVE:
             changed += 1
         program.states[i] = state
     return changed

@@ -38,6 +38,9 @@ class InteriorPointMpc:
         """Parameters (N, q) of the stages."""
         self.reset()
 
+    def __repr__(self) -> str:
+        return f"InteriorPointMpc({type(self.system).__name__}: {self.horizon} intervals of {self.period:g} s)"
+
     def reset(self) -> None:
         """Forget the last solution."""
         self._inputs = np.zeros((self.horizon, len(self.system.inputs)))
