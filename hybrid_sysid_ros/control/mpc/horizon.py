@@ -200,8 +200,14 @@ class Work(Shared):
 
 
 PROGRESS = np.dtype(
-    [*((name, "i8") for name in ("steps", "changed", "foreseen")), *((name, "f8") for name in ("residual", "cost"))]
-    + [("with_curvature", "?")]
+    [
+        ("steps", "i8"),
+        ("changed", "i8"),
+        ("foreseen", "i8"),
+        ("residual", "f8"),
+        ("cost", "f8"),
+        ("with_curvature", "?"),
+    ]
 )
 """Progress of a solution: steps made, how many constraints came into the last step's working set or left it, how many
 real-time steps in a row cost what was predicted, the residual before the last step, the cost of the newest real-time
