@@ -144,10 +144,12 @@ def test_the_usual_sampling_follows_a_record_that_has_another_one(period: float)
     every, steps = found.period / period, max(found.step, period) / min(found.step, period)
     assert every == pytest.approx(round(every), abs=1e-9)
     assert steps == pytest.approx(round(steps), abs=1e-9)
-    assert found.step == pytest.approx(0.005, rel=0.35)
+    assert found.step == pytest.approx(0.005, rel=0.45)
     assert found.period == pytest.approx(0.05, rel=0.45)
     if period in (0.001, 0.005, 0.01, 0.05):
         assert (found.step, found.period) == (0.005, 0.05)
+    slower = given_sampling(None, replace(rig, step=0.5), [SimpleNamespace(sampling_time=1.0)])  # type: ignore[list-item]
+    assert (slower.step, slower.period) == (0.1, 1.0)
     slow: Any = [SimpleNamespace(sampling_time=1000.0 * period)]
     assert given_sampling(None, rig, slow) == given_sampling(None, rig)
     assert given_sampling({"period": 0.1}, rig, given).period == 0.1

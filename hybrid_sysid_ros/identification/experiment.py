@@ -269,7 +269,7 @@ def _ratio(longer: float, shorter: float, name: str, one: str, other: str) -> in
     if not is_multiple(longer, shorter):
         raise UserError(
             f"{name}: {one} of {longer * 1e3:g} ms is no multiple of {shorter * 1e3:g} ms, {other}; "
-            "fit the model with a step and period that are (--step, --period), or sample the record otherwise"
-            + ("; is its time in seconds?" if ratio < 1 else "")
+            "fit the model with a step and period that are (--step, --period; sampling in Python), or sample the "
+            "record otherwise" + ("; is its time in seconds?" if ratio < 1 else "")
         )
     return ratio

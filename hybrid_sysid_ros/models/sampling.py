@@ -96,7 +96,7 @@ class Sampling:
         if is_multiple(self.period, period) and is_multiple(max(self.step, period), min(self.step, period)):
             return self
         longer = self.step > period
-        step = period * round(self.step / period) if longer else period / round(period / self.step)
+        step = period * round(self.step / period) if longer else period / min(round(period / self.step), self.every)
         unit = max(step, period)
         return replace(self, step=step, period=unit * max(1, round(self.period / unit)))
 

@@ -1,8 +1,8 @@
 """Horizon bands: how far a measurement may be from a prediction k samples ahead.
 
 A prediction is a simulation from the measured state, which is corrected no more. A band of level p is as wide as hold a
-share p of the errors at k samples of training blocks that were left out of the fit, wider by Student's factor for as
-many independent errors, and in proportion to the excursion of the predictions, where these go farther than training, as
+share p of the errors at k samples of training blocks that were left out of the fit, wider by Student's factor for how
+the blocks differ, and in proportion to the excursion of the predictions, where these go farther than training, as
 bands of free runs are (:mod:`~hybrid_sysid_ros.identification.validation.bands`).
 """
 
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
-from hybrid_sysid_ros.identification.validation.bands import LEVELS, excursion_of, widening_of
+from hybrid_sysid_ros.identification.standard_errors import student_factor
+from hybrid_sysid_ros.identification.validation.bands import LEVELS, excursion_of, freedom_of
 from hybrid_sysid_ros.identification.validation.horizons import LONGEST, default_horizons
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut
 from hybrid_sysid_ros.identification.validation.scores import free_run_states
@@ -76,7 +77,8 @@ def noted(system: System, experiments: Sequence[PreparedRecord], blocks: Sequenc
     for level in LEVELS:
         wide = np.quantile(together, level, axis=0, method="higher")
         for h, k in np.ndindex(wide.shape):
-            wide[h, k] *= widening_of([part[:, h, k] for part in errors], 0.0) if np.isfinite(wide[h, k]) else 1.0
+            if np.isfinite(wide[h, k]):
+                wide[h, k] *= student_factor(freedom_of([part[:, h, k] for part in errors]))
         widths[f"{level:g}"] = wide.tolist()
     excursions = [excursion_of(item.outputs, centre) for item in experiments]
     return {

@@ -102,15 +102,18 @@ class Equation:
 
 
 def equation_of(output: Array, inputs: Sequence[Array], every: int, step: float, band: float, noise: float) -> Equation:
-    """The simplest equation whose simulation of a record errs hardly more than any form's, or than the noise, and whose
-    changes do: a share at once that stands for a dead time makes changes that are not there. T and d are searched;
-    gains, rates, shares, offset and initial state follow by least squares (variable projection).
+    """The simplest equation whose simulation of a record errs hardly more than any form's, or than the noise, and so do
+    its changes from step to step. A share at once must show in these, else it stands for a dead time or a curve. T and
+    d are searched; gains, rates, shares, offset and initial state follow by least squares (variable projection).
     """
     y, us, found = output[: MOST * every], [u[: MOST * every] for u in inputs], list[Equation]()
     for form in EQUATION_FORMS:
         found.append(_Search(y, us, every, step, band, form).equation())
         if found[-1].error <= NOISY * noise:
             break
+    least = min(item.change_error for item in found if not item.form.direct)
+    shown = [item for item in found if item.form.direct and MORE * item.change_error < least]
+    found = shown or [item for item in found if not item.form.direct]
     enough = max(MORE * min(item.change_error for item in found), NOISY * noise)
     found = [item for item in found if item.change_error <= enough]
     enough = max(MORE * min(item.error for item in found), NOISY * noise)
