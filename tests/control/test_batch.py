@@ -83,6 +83,8 @@ def test_a_row_that_is_no_number_is_answered_within_the_bounds_and_disturbs_no_o
 def test_what_does_not_fit_is_refused(mpc, drawn):
     with pytest.raises(UserError, match=r"instances have shape \(3, 5\); they need \(3, 14\)"):
         mpc.solve_many(np.zeros((3, 5)))
+    with pytest.raises(UserError, match=r"instances have shape \(14,\); they need \(1, 14\)"):
+        mpc.solve_many(np.zeros(14))
     with pytest.raises(UserError, match="are arrays of numbers"):
         mpc.solve_many("x")
     with pytest.raises(UserError, match=r"starts have shape \(2, 10, 1\); they need \(3, 10, 1\)"):

@@ -229,7 +229,7 @@ class ExactMpc:
             first = np.ascontiguousarray(np.zeros((0, count, m)) if starts is None else starts, dtype=float)
         except (TypeError, ValueError) as error:
             raise UserError(f"solve_many: instances and starts are arrays of numbers ({error})") from error
-        rows, width = len(given), n + 2 * m + count * len(self.system.outputs)
+        rows, width = 1 if given.ndim == 1 else len(given), n + 2 * m + count * len(self.system.outputs)
         begins = np.ones(rows, np.bool_) if begins is None else begins
         for name, part, shape in (
             ("instances", given, (rows, width)),
