@@ -9,6 +9,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands import app
@@ -46,6 +48,21 @@ def test_the_width_is_the_error_that_a_left_out_gain_makes() -> None:
         np.testing.assert_allclose(wide / wide[-1], expected / expected[-1], rtol=1e-6)
         assert np.all(wide >= expected * (1.0 - 1e-9))
     assert noted(Integrator(), [experiment], []) is None
+
+
+def test_parts_whose_errors_differ_widen_bands() -> None:
+    """Mean squares of 1 and 4 have 2 2.5^2 / 4.5 degrees of freedom (Satterthwaite), of which Student's t is wider."""
+    record = level()
+    experiment = prepare(record, Integrator(), SAMPLING)
+    half = experiment.samples // 2
+    parts = slice(0, half), slice(half, experiment.samples)
+    pairs = zip(parts, (2.1, 2.2), strict=True)
+    blocks = [LeftOut(record=0, samples=part, system=Integrator().with_values([gain])) for part, gain in pairs]
+    found = noted(Integrator(), [experiment], blocks)
+    assert found is not None
+    largest = 0.2 * abs(record.input[0, 0]) * 0.05 * np.array(found["ahead"])
+    factor = student.ppf(0.95, 12.5 / 4.5) / norm.ppf(0.95)
+    np.testing.assert_allclose(np.array(found["widths"]["0.9"])[:, 0], factor * largest, rtol=1e-6)
 
 
 def test_unseen_predictions_lie_within_their_bands_and_farther_ones_have_wider_bands() -> None:
