@@ -293,6 +293,9 @@ class EstimatorNode(RigNode):
         if outside := [name for name, sensor in sensors if sensor.beyond > STAYS]:
             return f"{', '.join(outside)} shows a state outside of the rig's travel or validity"
         names = [name for name, r in zip(self.names, estimator.monitor.evidence, strict=True) if r >= 1.0]
+        silent = [sensor.silent > estimator.monitor.record.timeout for sensor in estimator.monitor.sensors]
+        if nothing := [name for name, is_silent in zip(self.names, silent, strict=True) if is_silent and name in names]:
+            return f"{', '.join(nothing)} shows nothing, and the others do not tell the state"
         if names:
             return f"innovations of {', '.join(names)} are not as large as the model says"
         return "the estimated input disturbance is at its limit" if estimator.watch.diverged else ""
