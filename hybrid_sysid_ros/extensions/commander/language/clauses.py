@@ -66,6 +66,8 @@ class Clause:
 
     then: bool = False
     """Whether it begins with the word."""
+    meanwhile: bool = False
+    """Whether it is to hold while the one before moves."""
     verbs: list[Symbol] = field(default_factory=list)
     quantities: list[Quantity] = field(default_factory=list)
     shares: list[Share] = field(default_factory=list)

@@ -58,9 +58,9 @@ class _Matcher:
     """Fits patterns to the symbols of one clause."""
 
     def __init__(self, part: Sequence[Symbol], vocabulary: Vocabulary) -> None:
-        then = part[0].value == "then"
-        self.part, self.vocabulary = part[then:], vocabulary
-        self.made = Clause(then=then)
+        first = part[0].value
+        self.part, self.vocabulary = part[first in ("then", "while") :], vocabulary
+        self.made = Clause(then=first == "then", meanwhile=first == "while")
         self.output: int | None = None
         """That was named last."""
         self.waiting = False

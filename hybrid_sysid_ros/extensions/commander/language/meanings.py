@@ -136,9 +136,7 @@ class Meaning(Goals):
         """Once, or so many times; behind other commands that could mean these, too."""
         times = self.count()
         if self.behind:
-            raise UserError(
-                "repeat these parts, or what was carried out before? say 'repeat' alone, or the parts again"
-            )
+            raise UserError("repeat these parts, or what was before? say 'repeat' alone, or the parts again")
         return commands.Repeat(pace=self.pace, times=times)
 
     def count(self) -> int:
@@ -201,6 +199,8 @@ class Meaning(Goals):
         seconds = self.seconds("for")
         if not self.left and not clause.shares:
             return self.stay(seconds or 0.0)
+        if clause.meanwhile and self.behind:
+            raise UserError("only one thing moves at a time here: join the parts by 'then'")
         if clause.directions:
             raise UserError(f"hold takes no direction: say 'go {clause.directions[0].text}', or where to hold")
         times = [item for item in self.left if item.base == TIME and item.role not in ("in", "within")]

@@ -32,7 +32,7 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         elif _waits(made[-1], symbol, following):
             made.append([symbol])
         elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :], listed)):
-            made.append([symbol] if symbol.value == "then" else [])
+            made.append([symbol] if symbol.value in ("then", "while") else [])
         elif symbol.kind != ",":
             made[-1].append(symbol)
     return [part for part in made if part]

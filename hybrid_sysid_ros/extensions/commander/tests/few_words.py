@@ -116,6 +116,8 @@ FEW_WORDS: list[tuple[str, str, Any]] = [
     (CONE, "climb 100 m while holding the speed", [by(100, "height"), wait(0)]),
     (BEAM, "ramp to 2 V in 5 s and back to 0 in 5 s", [ramp(2, seconds=5), ramp(0, seconds=5)]),
     (BEAM, "ramp up to 2 V and down to -2 V, 5 s each", [ramp(2, hold=5), ramp(-2, hold=5)]),
+    (CONE, "climb 100 m keeping speed at 10 m/s", Refused("one thing moves at a time")),
+    (BEAM, "passe de 2 V", Refused("unknown word")),
     (BEAM, "half a volt further down", [by(-0.5)]),
     (BEAM, "move up another half volt", [by(0.5)]),
     (BEAM, "step to 2 V, then to -2 V", [step(2), step(-2)]),
