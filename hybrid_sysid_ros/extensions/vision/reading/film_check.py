@@ -13,7 +13,7 @@ from hybrid_sysid_ros.extensions.vision.camera.film import FilmFormat, format_of
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import DARK_FILM, picked
-from hybrid_sysid_ros.extensions.vision.reading.learning import NARROWEST
+from hybrid_sysid_ros.extensions.vision.reading.learning import BURNT, NARROWEST, WHITE
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.reading.turning_point import turning_point
 from hybrid_sysid_ros.support.arrays import Array
@@ -22,8 +22,6 @@ from hybrid_sysid_ros.support.errors import UserError
 LOOKED_AT = 60  # pictures
 SLOW = 20.0  # pictures a second
 SQUEEZED = 0.02  # bits a pixel of each picture: a codec leaves little of edges that move
-BRIGHT = 250.0  # counts of 255
-BURNT = 0.05  # share of the pixels that are brighter than that
 CHANGES = 0.3  # of the light, from picture to picture
 FAINT, CLEAR = 5.0, 12.0  # times its noise by which the joint differs from what is behind it, at most pixels
 MOVES = 6.0  # times the noise by which a pixel changes that the joint comes over
@@ -31,6 +29,7 @@ LITTLE = 2e-4  # share of the pixels that such pixels are at least
 SMEARED = 6.0  # pixels of 640 in an exposure
 SHAKES = 0.3  # pixels of 640, rms
 UNSURE = 0.02  # widths: by which two halves of a film differ in the place about which it turns
+NOWHERE = 0.1  # widths, the same: there is no such place
 OBLIQUE = 0.02  # relative difference of opposite sides of the marks
 
 
@@ -129,7 +128,7 @@ def _size_and_rate(path: Path, form: FilmFormat, times: Array, sizes: set[tuple[
 
 
 def _light(film: Film, median: Picture) -> Iterator[Finding]:
-    mean, burnt = float(median.mean()), float((median > BRIGHT).mean())
+    mean, burnt = float(median.mean()), float((median >= WHITE).mean())
     lights = film[:, ::8, ::8].reshape(len(film), -1).mean(axis=1)
     change = float(np.ptp(lights)) / max(mean, 1.0)
     advice = ""
@@ -206,6 +205,9 @@ def _pivot(turns: tuple[Array, Array] | None, columns: int) -> Finding:
         advice = "the scene's pivot is used: say where it is (--pivot X,Y), or click it"
         return Finding(what="pivot", found="unknown: too little turns", advice=advice)
     (x, y), apart = turns[0] * columns - 0.5, float(np.hypot(*turns[1])) * columns
+    if apart > NOWHERE * columns:
+        advice = "is it the rig, and does it turn? if so, say where it is (--pivot X,Y), or click it"
+        return Finding(what="pivot", found="halves of the film turn about places far apart", advice=advice, bad=True)
     unsure = apart > UNSURE * columns
     return Finding(
         what="pivot", found=f"turns about {x:.0f},{y:.0f} pixels; halves of the film differ by {apart:.1f}",

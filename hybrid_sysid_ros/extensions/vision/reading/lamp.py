@@ -40,7 +40,7 @@ def onset(times: Array, seen: Array, *, exposure: float) -> Onset:
 
     A frame that is lit in part tells the moment; one between two exposures is known to lie there.
 
-    Raises UserError where it never goes on, or was lit before the first frame.
+    Raises UserError where it never goes on, goes off again, or was lit before the first frame.
     """
     steps = np.diff(seen)
     if len(seen) < 4 or not np.isfinite(seen).all():
@@ -52,7 +52,8 @@ def onset(times: Array, seen: Array, *, exposure: float) -> Onset:
     level, bright = float(np.median(dark)), float(np.median(lit)) if len(lit) else float(seen[-1])
     spread = float(np.median(np.abs(dark - level))) / 0.6745 if len(dark) > 2 else 1.0
     height = bright - level
-    if height < max(CLEAR * spread, LEAST):
+    passes = float(np.median(seen[first:])) < level + 0.5 * height  # somebody who walks by
+    if passes or height < max(CLEAR * spread, LEAST):
         raise UserError("no lamp goes on in the film: it is lit from the beginning, or never, or hidden")
     if seen[first - 1] > level + 0.5 * height and first > 1:
         first -= 1

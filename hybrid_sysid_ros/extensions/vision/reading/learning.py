@@ -30,6 +30,7 @@ from hybrid_sysid_ros.support.errors import UserError
 RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
 ROUNDS, MOST_ROUNDS = 4, 24
 """Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
+WHITE, BURNT = 250.0, 0.05  # counts of 255, and the share of pixels above, with which a film is over-exposed
 DIM = 0.3  # of the light of most pictures: what is darker is left out
 UNSETTLED = 0.3
 """Pixels: a pivot that surely is still farther on its way, or moves more, bends the angles."""
@@ -114,6 +115,11 @@ def _first_layers(
     progress("first angles")
     angles, reach = _first_angles(film, lights, still, noise, tuple(pivot.tolist()), span)
     if not float(np.ptp(angles)) * reach > SMALLEST_SWING:
+        if (white := float((still >= WHITE).mean())) > BURNT:
+            raise UserError(
+                f"nothing that turns is seen, and {white:.0%} of the pixels are white: film with less light, or a "
+                "shorter exposure"
+            )
         raise UserError("nothing that turns is seen in the pictures: is it the rig's video, and does the rig move?")
     geometry = Geometry(
         rig=rig.name, joint=scene.joint, pivot_x=float(pivot[0]), pivot_y=float(pivot[1]), first_u=0.0, first_v=0.0,

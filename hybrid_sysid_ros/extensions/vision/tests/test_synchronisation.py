@@ -133,6 +133,14 @@ def test_a_lamp_that_was_lit_before_or_never_tells_no_time(start: float) -> None
         onset(times, _lamp(times, start, 0.008) + noise, exposure=0.008)
 
 
+def test_somebody_who_walks_by_is_no_lamp() -> None:
+    """What becomes brighter there for a second, and dark again."""
+    times = _times(0.0, 6.0, 1 / 30)
+    seen = _lamp(times, 2.0, 0.008) + 20.0 - _lamp(times, 3.0, 0.008)
+    with pytest.raises(UserError, match="no lamp goes on"):
+        onset(times, seen, exposure=0.008)
+
+
 def test_the_brightness_is_that_of_the_disc() -> None:
     picture = np.full((360, 640), 30, dtype=np.uint8)
     picture[295:307, 58:70] = 200
