@@ -84,8 +84,12 @@ def _sentence(text: str, language: str, vocabulary: Vocabulary, files: Files) ->
     return _stage(text, clauses(symbols(text, lexicon(language), vocabulary), vocabulary), vocabulary, files)
 
 
-def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Files) -> Sentence:
-    """The clauses up to the first condition, and behind it those that wait for it."""
+def _stage(
+    text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Files, *, reached: bool = False
+) -> Sentence:
+    """The clauses up to the first condition, and behind it those that wait for it; reached: for a value, at which
+    "hold" stays.
+    """
     commands: list[Command] = []
     for k, clause in enumerate(found):
         if not clause.verbs and any(_is_bare(item, clause, vocabulary, first=not k) for item in clause.quantities):
@@ -102,7 +106,7 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
             rest = found[k + 1 :] if until or waits else [clause, *found[k + 1 :]]
             if not rest:
                 raise UserError("and then what? say for example 'once it is still, go to 0'")
-            later = _stage(text, rest, vocabulary, files)
+            later = _stage(text, rest, vocabulary, files, reached=condition.output is not None)
             if already and not later.is_stop:
                 raise UserError(
                     "if it is so now, or as soon as it is? say 'when it goes above' or 'below', or leave it out"
@@ -128,7 +132,8 @@ def _stage(text: str, found: Sequence[Clause], vocabulary: Vocabulary, files: Fi
                 raise UserError("'stop' works at once: let it stand alone, or at the end")
             return Sentence(text=text, commands=tuple(commands), stops=True)
         if not (clause.delay is not None and _alone(clause) and not verbs):
-            meaning = Meaning(clause, vocabulary, files, behind=_acts(commands))
+            behind = _acts(commands) or (reached and verbs == ["hold"])
+            meaning = Meaning(clause, vocabulary, files, behind=behind)
             commands += [meaning.command()] * meaning.times
         if clause.each is not None:
             commands = _held(commands, clause.each, Values(clause, vocabulary).time(clause.each))

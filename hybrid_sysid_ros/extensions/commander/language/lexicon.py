@@ -68,6 +68,7 @@ class Lexicon:
         for category in VERBS:
             self._enter(found, category, (("V", category),))
         self._enter(found, "over_to", (("V", "go"), ("T", "to")))
+        self._enter(found, "slow_to", (("V", "go"), ("U", -1.0), ("T", "to")))
         self._enter(found, "while_holding", ((";", "while"), ("V", "hold")))
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))
         self._enter(found, "level", (("n", "position"), ("V", "home")))

@@ -228,7 +228,8 @@ class _Matcher:
 
     def _note_comparative(self, found: _Found) -> None:
         step = LITTLE if "b" in found.letters else MUCH if "m" in found.letters else MORE
-        self.made.comparatives.append((1.0 + step * found.part[-1].value, found.text))
+        sign = next(symbol.value for symbol in found.part if symbol.kind == "M")
+        self.made.comparatives.append((1.0 + step * sign, found.text))
 
     def _note_as_fast(self, found: _Found) -> None:
         self.made.comparatives.append((found.part[0].value, found.text))

@@ -38,7 +38,7 @@ class Meaning(Goals):
         found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
         if "back" in found and not clause.directions and "by" in self.roles:
             raise UserError(f"back by how much is up or down? say 'up 1 {self.example}' or 'down 1 {self.example}'")
-        if "repeat" in found and len(found) > 1 and self.left:
+        if "repeat" in found and len(found) > 1 and (self.left or "undo" in found):  # "undo the last command"
             found.remove("repeat")
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
         general = {"go", "step", "ramp", "back", *([] if clause.names else ["follow"])}  # "run a chirp"

@@ -42,7 +42,7 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quan
     ("from", "F(?:[KO]o?)?Q"),
     ("target", "[Wo]?N?(?:KoO|KO|OK|K|O)(?:o?J)?"),
     ("plain", "o?Q(?:o?[KO])?"),
-    ("comparative", "b?m?M"),
+    ("comparative", "b?m?Mb?"),
     ("bit", "b"),
     ("direction", "U(?:o?J)?"),
     ("more", r"\+(?:o?J)?"),

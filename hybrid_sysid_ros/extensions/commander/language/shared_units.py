@@ -8,6 +8,7 @@ from dataclasses import replace
 from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.parts import is_level
+from hybrid_sysid_ros.extensions.commander.language.swings import SIZES
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import Unit
 
@@ -68,5 +69,11 @@ def _lacks(item: Quantity, clause: Clause, unit: Unit, vocabulary: Vocabulary) -
     """Whether a value needs a unit, and this one measures its output. Of a pair one may stand for both."""
     goes_on = item.role == "" and clause.then and not clause.verbs
     paired = any(other.unit is not None and other.text == item.text for other in clause.quantities)
-    needs = item.unit is None and item.value != 0.0 and not item.kind and (item.role in LEVELS or goes_on)
-    return needs and not paired and any(map(unit.alike, _own(item, vocabulary)))
+    level = item.kind in SIZES or (not item.kind and (item.role in LEVELS or goes_on))
+    return (
+        item.unit is None
+        and item.value != 0.0
+        and level
+        and not paired
+        and any(map(unit.alike, _own(item, vocabulary)))
+    )
