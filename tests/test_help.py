@@ -88,6 +88,8 @@ def test_the_choices_of_who_drives_are_those_of_the_controller():
     [
         ("hybrid-sysid policy tr", ["train"]),
         ("hybrid-sysid run --rig flex", ["flexible_joint"]),
+        ("hybrid-sysid export loop --rig flex", ["flexible_joint"]),
+        ("hybrid-sysid tune flex", ["flexible_joint"]),
         ("hybrid-sysid run --policy ", [*get_args(DriverChoice)]),
         ("hybrid-sysid identify --structure dah", ["dahl"]),
     ],

@@ -31,7 +31,10 @@ def _meet(rig: str) -> str:
     return rig
 
 
-OwnRig = Annotated[str, typer.Option("--rig", help="Folder of the rig, if it is not known by name.", callback=_meet)]
+OwnRig = Annotated[
+    str,
+    typer.Option("--rig", help="Folder of the rig, if it is not known by name.", callback=_meet, autocompletion=_names),
+]
 """Option of commands that get their rig from a model or a policy."""
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]

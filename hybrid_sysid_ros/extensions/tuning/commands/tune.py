@@ -25,7 +25,7 @@ from hybrid_sysid_ros.support.progress import progress_bars
 
 
 def command(
-    rig: Annotated[str, typer.Argument(help="Name or folder of the rig.")],
+    rig: options.RigPlace,
     model: Annotated[Path | None, typer.Option(help="Model folder; the shipped one by default.")] = None,
     aim: Annotated[
         Literal["settling", "effort", "bounds"],
