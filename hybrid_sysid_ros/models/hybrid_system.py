@@ -74,8 +74,11 @@ class Hybrid(Wrapper):
         features, units = features_of(self.physics), {item.name: item.unit for item in self.physics.closures}
         rates = {item.name: f"{item.unit}/s" for item in self.declared_states}
         named = [(f"scale_{item.name}", item.unit) for item in features]
+        taken = {name for name, _ in named}  # a state may be called as another one's rate
         named += [
-            (f"scale_{name}_rate", rates[name]) if self.region is None else (f"scale_{name}", units[name])
+            (f"scale_{name}_rate" + "_added" * (f"scale_{name}_rate" in taken), rates[name])
+            if self.region is None
+            else (f"scale_{name}", units[name])
             for name in self.on
         ]
         edges = [] if self.region is None else Region.names([item.name for item in features])

@@ -123,8 +123,13 @@ def test_an_answer_at_once_is_found_and_identified_to_the_noise(program, tmp_pat
     assert first["gain_of_change"] == pytest.approx(1.0 / FAST + 2.0 / SLOW, rel=0.05)
     assert first.get("gain_at_once", 0.0) == pytest.approx(share, abs=0.01)
     record = hs.record(time=np.arange(len(u)), inputs=u, outputs=y, rig=rig)
-    run = hs.identify(record, rig, "gray", part=(0, 0.6)).free_run(record, part=(0.6, 1))
-    assert np.std(run.measured - run.outputs) < 1.2 * noise
+    for structure in ("gray", "hybrid"):
+        model = hs.identify(record, rig, structure, part=(0, 0.6))
+        run = model.free_run(record, part=(0.6, 1))
+        assert np.std(run.measured - run.outputs) < 1.2 * noise
+        model.save(tmp_path / structure)
+        again = hs.load_model(tmp_path / structure, rig=f"./{name}")
+        np.testing.assert_array_equal(again.system.values, model.system.values)
 
 
 def test_an_output_of_the_name_of_another_ones_rate_keeps_it(program, tmp_path, monkeypatch):
