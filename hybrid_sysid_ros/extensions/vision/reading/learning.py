@@ -115,11 +115,7 @@ def _first_layers(
     progress("first angles")
     angles, reach = _first_angles(film, lights, still, noise, tuple(pivot.tolist()), span)
     if not float(np.ptp(angles)) * reach > SMALLEST_SWING:
-        if (white := float((still >= WHITE).mean())) > BURNT:
-            raise UserError(
-                f"nothing that turns is seen, and {white:.0%} of the pixels are white: film with less light, or a "
-                "shorter exposure"
-            )
+        _refuse_white(still)
         raise UserError("nothing that turns is seen in the pictures: is it the rig's video, and does the rig move?")
     geometry = Geometry(
         rig=rig.name, joint=scene.joint, pivot_x=float(pivot[0]), pivot_y=float(pivot[1]), first_u=0.0, first_v=0.0,
@@ -158,6 +154,7 @@ def _improved(
             angles[k] = reading.angle if reading.found else angles[k]
         good = explained >= EXPLAINED
         if good.sum() < len(film) / 2:
+            _refuse_white(median_picture(film, lights))
             raise UserError(
                 f"what moves in the pictures is not one body that turns about a pivot: layers explain "
                 f"{good.sum()} of {len(film)} pictures; is it a video of {layers.geometry.rig}?"
@@ -175,6 +172,15 @@ def _lights(film: Film) -> Array:
     mean = np.maximum(few.mean(axis=0), 1.0)
     found = np.median(few / mean, axis=1)
     return np.asarray(np.maximum(found / max(float(found.mean()), 1e-9), 0.05))
+
+
+def _refuse_white(still: Array) -> None:
+    """Raise UserError where a film from which nothing can be learned is over-exposed."""
+    if (white := float((still >= WHITE).mean())) > BURNT:
+        raise UserError(
+            f"nothing that turns can be told, as {white:.0%} of the pixels are white: film with less light, or a "
+            "shorter exposure"
+        )
 
 
 def _span(rig: Rig, joint: str) -> float:

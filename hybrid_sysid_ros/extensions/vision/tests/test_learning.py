@@ -124,3 +124,9 @@ def test_small_pictures_are_refused() -> None:
     film, _, _ = _film(45)
     with pytest.raises(UserError, match="160x90 pixels are too small"):
         learn(np.ascontiguousarray(film[:, ::2, ::2]), RIG, readout=CAMERA.readout)
+
+
+def test_a_film_that_is_white_is_refused_by_its_light() -> None:
+    film = np.full((60, 136, 240), 255, dtype=np.uint8)
+    with pytest.raises(UserError, match="100% of the pixels are white: film with less light"):
+        learn(film, load("cam_beam"), readout=0.0)
