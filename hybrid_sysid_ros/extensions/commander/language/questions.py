@@ -65,7 +65,7 @@ def answered(state: RigState, rig: Rig) -> str:
         shown = ranges[name]
         rest = rig.system.operating_point.get(shown.name, 0.0) / shown.scale
         said = f"{shown.name} {value:.4g} {shown.unit}" + (f" ({value + rest:.6g} {shown.unit} in all)" if rest else "")
-        if name in state.references:
+        if name in state.references and shown.moves:
             said += f" of {state.references[name]:.4g} {shown.unit} asked, from {shown.low:.4g} to {shown.high:.4g}"
         parts.append(said)
     for (name, value), actuator in zip(state.inputs.items(), rig.actuators, strict=True):
