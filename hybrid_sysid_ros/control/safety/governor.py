@@ -51,6 +51,19 @@ def come_back(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], be
             outputs[k].reference = min(max(begin[k], outputs[k].low), outputs[k].high)
 
 
+def follow_state(
+    governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], slow: bool, now: Floats, found: Floats
+) -> None:
+    """Lead the reference on from where it is now (p,) where a loop is slowed, and from where the rig is found (p,) once
+    it is slowed no more.
+    """
+    if slow and governor.free:
+        lead_from(governor, outputs, now)
+    if governor.slow and not slow:
+        come_back(governor, outputs, found)
+    governor.slow = slow
+
+
 def follow_reference(
     governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], now: Floats, preview: Floats,
     times: Floats, share: float, elapsed: float, keep: bool,

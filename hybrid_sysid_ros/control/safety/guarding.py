@@ -8,13 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hybrid_sysid_ros.control.safety.failsafe import AGAIN, NOTHING, Evidence, Failsafe, LoopState, judge_evidence
-from hybrid_sysid_ros.control.safety.governor import (
-    GovernedOutput,
-    ReferenceGovernor,
-    come_back,
-    follow_reference,
-    lead_from,
-)
+from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, follow_state
 from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.estimation.sensor_monitoring import MISSING
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
@@ -315,11 +309,7 @@ def govern(
     where the rig is, from which it is led on when the loop is slowed no more; NaN where that is unknown.
     """
     governor, outputs = guard.governor[0], guard.outputs
-    if level > 0 and governor.free:
-        lead_from(governor, outputs, now)
-    if level == 0 and governor.slow:
-        come_back(governor, outputs, found)
-    governor.slow = level > 0
+    follow_state(governor, outputs, level > 0, now, found)
     if not governor.free:
         share = 0.0 if level >= 2 else guard.core[0].slow_share if level > 0 else 1.0
         follow_reference(governor, outputs, now, preview, times, share, elapsed, level > 0)
