@@ -263,8 +263,9 @@ class FitProblem:
             system, initial = self.initialised(point, starts, states, edges)
             _, out = self.simulated(system, starts, initial)
             self.evaluations += 1
-            errors = ((out - outputs) * weight).ravel()
             # A diverging simulation must repel the search, not stop it.
+            with np.errstate(over="ignore", invalid="ignore"):
+                errors = ((out - outputs) * weight).ravel()
             errors = np.nan_to_num(np.clip(errors, -1e6, 1e6), nan=1e6)
             errors[self.without] = 0.0
             return np.concatenate([errors, self.priors(point)])
