@@ -318,6 +318,17 @@ def test_an_actuator_that_does_not_answer_is_not_trimmed():
     assert most < 0.1
 
 
+@pytest.mark.parametrize("acted", [math.nan, math.inf, -math.inf, 1e300])
+def test_what_no_actuator_does_leaves_its_commands_numbers(acted):
+    found, wanted = guard(stabilised=True), np.array([2.0])
+    actuator = found.memory.inputs[0]
+    for elapsed in (0.0, STEP, STEP):
+        found.commanded(wanted)
+        found.judge(0.0, 0.0, NONE, np.array([acted]), np.zeros(2), elapsed)
+        assert np.isfinite([actuator.trim, actuator.common, actuator.spread]).all()
+    assert np.isfinite(found.slowed(wanted, np.zeros(1))).all()
+
+
 def test_a_rig_that_has_fallen_to_its_stop_is_named_and_not_lifted():
     """The estimate is then at the end of the travel, beyond which nothing comes."""
     found = guard(stabilised=True, stops=np.array([1.0, 0.0]))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from hybrid_sysid_ros.control.safety.failsafe import AGAIN, NOTHING, Evidence, Failsafe, LoopState, judge_evidence
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, follow_state
+from hybrid_sysid_ros.estimation.measurement_sequence import LARGEST_INPUT
 from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.estimation.sensor_monitoring import MISSING
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, LONGEST
@@ -237,7 +238,7 @@ def _judge_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> Non
             low, high = min(low, u), max(high, u)
         asked = total / count - inputs[j].middle
         away = abs(applied[j] - min(max(applied[j], low), high))
-        if math.isnan(away):
+        if not away <= LARGEST_INPUT:
             away = asked = 0.0
         else:
             _follow_response(inputs[j], total / count, applied[j], share, min(elapsed / RESPONSE, 1.0))
