@@ -96,6 +96,6 @@ def _explanations(inputs: Array, output: Array) -> Iterator[tuple[float, float]]
 def _explained(columns: Array, target: Array) -> tuple[float, int]:
     """Sum of squares that columns leave of a target, and their rank."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    found, _, rank, _ = np.linalg.lstsq(scaled, target)
+    found, _, rank, _ = np.linalg.lstsq(scaled, target, rcond=None)
     error = target - scaled @ found
     return float(error @ error), int(rank)

@@ -92,7 +92,7 @@ def test_a_pivot_that_moves_with_the_camera_makes_steps_as_unsure_as_they_are() 
     ways, unsure = [], []
     for _ in range(200):
         places, way = 0.6 * random.standard_normal(160), PivotWay()
-        shown = np.linalg.lstsq(moves, places)[0]
+        shown = np.linalg.lstsq(moves, places, rcond=None)[0]
         way.step(shown, moves, places)
         unsure.append(way.unsure)
         ways.append(2.0 * np.mean((moves @ shown) ** 2))
