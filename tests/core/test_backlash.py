@@ -91,9 +91,9 @@ def test_a_coupling_without_a_gap_is_finite_for_solvers():
     assert [float(item) for item in solver_form(0.3, 0.0)] == pytest.approx([2.5, 5.0])
 
 
-def test_a_gap_is_identified_from_an_encoder_of_12_bits():
-    """Twenty times wider than a count, and the other parameters with it, from steps to and fro."""
-    random, true = np.random.default_rng(0), Geared()
+def geared(seed: int) -> tuple[System, float]:
+    """What steps to and fro tell, and the deviation of its gap."""
+    random, true = np.random.default_rng(seed), Geared()
     steps = np.repeat(random.choice([-0.5, -0.2, 0.2, 0.5], size=40), 100)[:, None]
     states = simulate(true, np.zeros(4), steps, step=0.001)[::2]
     outputs = COUNT * np.round(states[:-1, :1] / COUNT)
@@ -103,11 +103,19 @@ def test_a_gap_is_identified_from_an_encoder_of_12_bits():
     started = true.with_values([item.start for item in true.parameters])
     sampling = Sampling(step=0.001, period=0.004)
     found = fit(started, [prepare(record, started, sampling)])
-    deviations = dict(zip(found.names, np.sqrt(np.diag(found.covariance)), strict=True))
-    assert found.system.named["gap"] == pytest.approx(true.gap, abs=COUNT)
-    assert abs(found.system.named["gap"] - true.gap) < deviations["gap"] < 0.5 * true.gap
-    assert found.system.named["stiffness"] == pytest.approx(true.stiffness, rel=0.1)
-    assert found.system.named["inertia"] == pytest.approx(true.inertia, rel=0.05)
+    return found.system, float(np.sqrt(found.covariance[found.names.index("gap"), found.names.index("gap")]))
+
+
+def test_a_gap_is_identified_from_an_encoder_of_12_bits():
+    """Twenty times wider than a count, and the other parameters with it; at corners deviations scatter by records."""
+    true, deviations = Geared(), []
+    for system, deviation in map(geared, range(3)):
+        assert system.named["gap"] == pytest.approx(true.gap, abs=COUNT)
+        assert abs(system.named["gap"] - true.gap) < deviation < true.gap
+        assert system.named["stiffness"] == pytest.approx(true.stiffness, rel=0.1)
+        assert system.named["inertia"] == pytest.approx(true.inertia, rel=0.05)
+        deviations.append(deviation)
+    assert np.median(deviations) < 0.5 * true.gap
 
 
 @dataclass(frozen=True, kw_only=True)
