@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 from hybrid_sysid_ros.control.policy import policy
@@ -90,7 +91,7 @@ def _disagreements(rig: Rig, given: NodeValues, loop: NodeValues, horizon: float
     if reference["preview_seconds"] < needed * (1.0 - TOLERANCE):
         yield (
             f"{at('reference', 'preview_seconds')} s: the controller's horizon, the delays and a publish period take "
-            f"{needed:g} s"
+            f"{needed:g} s; write preview_seconds: {math.ceil(100.0 * needed) / 100.0:g} for the node reference"
         )
     count = reference["publish_period"] / reference["point_spacing"]
     if abs(count - round(count)) > TOLERANCE * count:
