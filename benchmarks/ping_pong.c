@@ -15,7 +15,7 @@
 
 #include "cdr.h"
 
-static rcl_context_t context;
+static rcl_context_t probe_context;
 static rcl_node_t node;
 static rcl_wait_set_t set;
 
@@ -90,15 +90,15 @@ int main(int argc, char **argv)
     long number = 0, most;
 
     check(rcl_init_options_init(&options, allocator));
-    context = rcl_get_zero_initialized_context();
-    check(rcl_init(0, NULL, &options, &context));
+    probe_context = rcl_get_zero_initialized_context();
+    check(rcl_init(0, NULL, &options, &probe_context));
     node = rcl_get_zero_initialized_node();
-    check(rcl_node_init(&node, relays ? "relay" : "probe", "cam_beam", &context, &own));
+    check(rcl_node_init(&node, relays ? "relay" : "probe", "cam_beam", &probe_context, &own));
     check(rmw_serialized_message_init(&message, 4096, &allocator));
     check(rcl_publisher_init(&answers, &node, joints, relays ? "joint_command" : "joint_states", &out));
     check(rcl_subscription_init(&inlet, &node, joints, relays ? "joint_states" : "joint_command", &in));
     set = rcl_get_zero_initialized_wait_set();
-    check(rcl_wait_set_init(&set, 1, 0, 0, 0, 0, 0, &context, allocator));
+    check(rcl_wait_set_init(&set, 1, 0, 0, 0, 0, 0, &probe_context, allocator));
     puts("ready");
     fflush(stdout);
     while (relays) {
