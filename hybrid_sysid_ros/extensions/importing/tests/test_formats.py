@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from scipy.io import savemat
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import joint_states, write_bag
-from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.importing import log_file
 from hybrid_sysid_ros.rigs import rig as rigs
 from tests.command_line import refused
@@ -22,11 +20,6 @@ TIME = 0.01 * np.arange(300)
 DRIVE = 5.0 * np.sign(np.sin(3.0 * TIME))
 POSITION = 50.0 * np.sin(3.0 * TIME)
 """mrad."""
-
-
-@pytest.fixture
-def imported(call, tmp_path):
-    return partial(call, app.main, "hybrid-sysid", "import", "--rig", "cam_beam", "--out", str(tmp_path / "bags"))
 
 
 def npz(path: Path) -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
 import hybrid_sysid_ros as hs
-from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.extensions.importing.generated_rig import roles
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn
@@ -17,11 +14,6 @@ from tests.command_line import refused
 
 GAIN, OFFSET, PERIODS, DAMPING = 2.0, 0.5, 12.5, 0.3
 """Of y / (rest of it); the time constant is so many sampling times."""
-
-
-@pytest.fixture
-def program(call):
-    return partial(call, app.main, "hybrid-sysid")
 
 
 def response(period: float, samples: int = 1500):

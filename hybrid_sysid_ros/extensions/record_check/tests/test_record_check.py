@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import cache, partial
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,21 +18,10 @@ from hybrid_sysid_ros.extensions.importing.tests.test_rig_from import written
 from hybrid_sysid_ros.extensions.record_check.changes import changes_of
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of, played
-from hybrid_sysid_ros.extensions.record_check.relation import answers, wanders
 from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held
-from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
-from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
-from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
+from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal
+from hybrid_sysid_ros.extensions.record_check.tests.records import RIG, ROOT, STEPS, driven_lag, record
 from tests.command_line import refused
-
-ROOT = Path(__file__).parents[4]
-
-RIG = "wheel_motor"
-
-
-@cache
-def record():
-    return bags.read(ROOT / "bags" / "wheel_motor_multisine", hs.load_rig(RIG).signals)
 
 
 def first(output=None, inputs=None, **changed) -> str:
@@ -121,15 +109,6 @@ def test_faults_are_named_at_any_time_scale(call, tmp_path, monkeypatch, period)
     }
 
 
-def driven_lag(values):
-    """T y' = u - y with T of 20 samples, and a little noise."""
-    lag = lfilter([0.05], [1.0, -0.95], values)
-    return lag + 0.003 * np.ptp(lag) * np.random.default_rng(1).normal(size=len(lag))
-
-
-STEPS = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 60), 50)
-
-
 @pytest.mark.parametrize("where", ["input", "sensor"])
 def test_a_play_is_found_with_its_place_and_width(where):
     width = 0.2 * np.ptp(STEPS if where == "input" else driven_lag(STEPS))
@@ -158,18 +137,6 @@ def test_where_a_record_begins_is_no_play(values, begins):
     """Of two levels a play makes two levels, but for its beginning: it explained how a lag comes to rest."""
     away = begins * 0.995 ** np.arange(len(values))
     assert hysteresis_of([values], driven_lag(values) + away) is None
-
-
-def test_a_valve_that_sticks_is_no_delay_of_the_rig_of_its_record(call, tmp_path, monkeypatch):
-    """The rig's equation takes a play for a longer lag, so that every output seemed to answer early."""
-    monkeypatch.chdir(tmp_path)
-    time, flow = np.arange(float(len(STEPS))), driven_lag(played(STEPS, 0.4))
-    np.savetxt("v.csv", np.column_stack([time, STEPS, flow]), delimiter=",", header="time,valve,y", comments="")
-    program = partial(call, app.main, "hybrid-sysid")
-    assert program("rig", "from", "v.csv", "./stiction")[0] == program("import", "v.csv", "--rig", "./stiction")[0] == 0
-    found = findings_of(hs.read_bag("bags/v", "./stiction"), hs.load_rig("./stiction"))
-    assert [item.kind for item in found] == ["hysteresis"]
-    assert "as if valve turned round within a play of 0.4" in found[0].words
 
 
 def test_where_nothing_moves_nothing_is_said_of_signs():
@@ -231,159 +198,6 @@ def test_identify_refuses_what_is_worth_nothing_unless_it_is_wanted_anyway(call,
     assert fit("--anyway")[0] == 0
 
 
-@pytest.mark.parametrize(("unit", "turn"), [("rad", 2.0 * np.pi), ("deg", 360.0), ("turn", 1.0)])
-@pytest.mark.parametrize("low", [0.0, 0.5])
-def test_an_angle_that_wraps_is_made_whole(unit, turn, low):
-    """A turn may begin at 0 or in the middle; a filter may leave a sample between both ends."""
-    assert turn_of(unit) == pytest.approx(turn)
-    time = np.linspace(0.0, 20.0, 2000)
-    angle = turn * (1.7 * np.sin(0.7 * time) + 0.3 * np.sin(3.1 * time))
-    wrapped = (angle + low * turn) % turn - low * turn
-    assert len(wraps_of(wrapped, turn)) == int((np.abs(np.diff(wrapped)) > 0.8 * turn).sum())
-    whole = unwrapped(wrapped, turn)
-    np.testing.assert_allclose(whole - whole[0], angle - angle[0], atol=1e-9 * turn)
-    first = int(wraps_of(wrapped, turn)[0])
-    torn = wrapped.copy()
-    torn[first + 1] = 0.5 * (wrapped[first] + wrapped[first + 2])
-    np.testing.assert_allclose(unwrapped(torn, turn) - whole[0], angle - angle[0], atol=0.02 * turn)
-
-
-def test_what_is_a_turn_wide_and_jumps_with_its_motion_does_not_wrap():
-    steps = np.repeat([0.0, 2 * np.pi, 0.0, 2 * np.pi], 100)
-    assert len(wraps_of(steps, 2.0 * np.pi)) == 0
-    assert len(wraps_of(np.pi * np.sin(np.linspace(0, 20, 2000)), 2.0 * np.pi)) == 0
-    random = np.random.default_rng(0)
-    assert len(wraps_of(random.uniform(0.0, 360.0, 3000), 360.0)) == 0
-    held = np.repeat(random.uniform(0.0, 360.0, 150), 20)
-    assert len(wraps_of(held, 360.0)) == 0
-    assert len(wraps_of(lfilter([0.9], [1.0, -0.1], np.where(held > 180.0, 360.0, 0.0)), 360.0)) == 0
-
-
-@pytest.mark.parametrize("whole", [np.minimum(np.arange(2000) / 160.0, np.pi), 2.0 * np.arange(2000) / 100.0])
-def test_an_angle_that_is_noisy_or_stays_where_it_wraps_does_wrap(whole):
-    noisy = whole + 0.05 * np.random.default_rng(0).normal(size=len(whole))
-    wrapped = (noisy + np.pi) % (2.0 * np.pi) - np.pi
-    assert len(wraps_of(wrapped, 2.0 * np.pi)) == int(np.count_nonzero(np.diff((noisy + np.pi) // (2.0 * np.pi))))
-    np.testing.assert_allclose(unwrapped(wrapped, 2.0 * np.pi), noisy, atol=1e-9)
-    assert turn_of("V") is None
-    assert turn_of("deg/s") is None
-
-
-def test_spikes_of_what_wanders_are_found_and_answers_to_steps_are_none():
-    random = np.random.default_rng(0)
-    signal = partial(CheckedSignal, name="y", unit="rad", period=0.01, is_input=False, noise=2e-3)
-    far = 40.0 * np.sin(np.linspace(0.0, 6.0, 4000)) + np.sin(np.linspace(0.0, 300.0, 4000))
-    wandering = far + 2e-3 * random.normal(size=4000)
-    assert list(sample_findings(signal(values=wandering))) == []
-    spiked = wandering.copy()
-    spiked[random.choice(4000, 25, replace=False)] += 4.0
-    (found,) = sample_findings(signal(values=spiked))
-    assert (found.kind, "25 spikes" in found.words) == ("spikes", True)
-    u = np.repeat(random.choice([-1.0, 1.0], 20), 200)
-    peaks = lfilter([1.0, -1.0], [1.0, -0.2], u) + 2e-3 * random.normal(size=4000)  # a pressure behind a valve
-    assert [item.kind for item in sample_findings(signal(values=peaks), [u])] == []
-    (found,) = sample_findings(signal(values=peaks), [np.roll(u, 100)])
-    assert found.kind == "spikes"
-
-
-def test_an_angle_that_wraps_and_an_impossible_value_have_their_own_names():
-    time = np.linspace(0.0, 20.0, 2000)
-    signal = partial(CheckedSignal, name="angle", unit="rad", period=0.01, is_input=False)
-    wrapped = (8.0 * np.sin(time)) % (2.0 * np.pi)
-    (found,) = sample_findings(signal(values=wrapped))
-    assert (found.kind, found.blocks, "unwrap: true" in found.cure) == ("the angle wraps", True, True)
-    (found,) = sample_findings(signal(values=np.where(time == time[9], 4.75e38, wrapped)))
-    assert (found.kind, found.blocks) == ("impossible values", True)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_a_walk_is_related_to_no_input_and_an_answer_in_noise_is(seed):
-    random = np.random.default_rng(seed)
-    u = np.repeat(random.uniform(-1.0, 1.0, 100), 20)
-    lagged = lfilter([0.02], [1.0, -0.98], u)
-    walk = np.cumsum(random.normal(size=2000))
-    assert wanders(u[:, None], walk)
-    assert not wanders(u[:, None], lagged + 0.2 * random.normal(size=2000))
-    assert not wanders(u[:, None], np.abs(lagged) + 0.01 * random.normal(size=2000))
-
-
-@pytest.mark.parametrize("dead", [0, 300, 1200])
-def test_a_product_of_inputs_and_a_long_dead_time_are_answers_and_chance_is_none(dead):
-    random = np.random.default_rng(dead)
-    u = np.repeat(random.uniform(-1.0, 1.0, (100, 2)), 60, axis=0)
-    driven = lfilter([0.03], [1.0, -0.97], u[:, 0] * u[:, 1])
-    late = np.append(np.zeros(dead), driven)[: len(u)] + 0.005 * random.normal(size=len(u))
-    assert answers(u, late)
-    other = lfilter([0.03], [1.0, -0.97], np.repeat(random.uniform(-1.0, 1.0, 100), 60))
-    assert not answers(u, other + 0.005 * random.normal(size=len(u)))
-    assert not answers(np.roll(late, 0)[:, None], u[:, 0])  # what comes later
-
-
-def test_a_pendulum_that_goes_round_contradicts_the_guessed_law_and_not_its_sensor(call, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    random, state, angles = np.random.default_rng(0), np.zeros(2), []
-    torque = np.repeat(random.uniform(-8.0, 8.0, 30), 100)
-    for u in torque:
-        angles.append(state[0])
-        for _ in range(5):
-            state = state + 0.002 * np.array([state[1], u - 9.81 * np.sin(state[0]) - 0.5 * state[1]])
-    rows = np.column_stack([0.01 * np.arange(3000), torque, angles])
-    np.savetxt("p.csv", rows, delimiter=",", header="time,torque [Nm],angle [rad]", comments="")
-    program = partial(call, app.main, "hybrid-sysid")
-    status, out, _ = program("rig", "from", "p.csv", "./pendulum_round")
-    assert (status, "angle goes beyond half a turn" in out) == (0, True)
-    assert program("import", "p.csv", "--rig", "./pendulum_round")[0] == 0
-    found = findings_of(hs.read_bag("bags/p", "./pendulum_round"), hs.load_rig("./pendulum_round"))
-    assert found[0].kind == "another law"
-    assert "a guess" in found[0].cure
-    assert not found[0].blocks
-
-
-@pytest.mark.parametrize("value", [-999.0, 9999.0, 3276.7, 12345.0])
-def test_a_number_that_stands_for_missing_values_is_named(value):
-    random = np.random.default_rng(0)
-    whole = 300.0 + np.cumsum(random.normal(size=2000))
-    marked = np.where(random.uniform(size=2000) < 0.01, value, whole)
-    (found,) = sample_findings(CheckedSignal(name="t", unit="K", values=marked, period=0.1, is_input=False))
-    assert (found.kind, found.blocks) == ("sentinel value", False)
-    assert sentinel_of(whole) is None
-    assert sentinel_of(np.where(whole > np.median(whole), 999.0, 0.0)) is None  # two levels
-    assert sentinel_of(np.minimum(whole, np.quantile(whole, 0.9))) is None  # clipped
-
-
-def test_a_guessed_law_that_is_slower_than_the_rig_accuses_no_sensor_of_haste(call, tmp_path, monkeypatch):
-    """A lag of first order, which an equation of second order would follow a step of the fit later."""
-    monkeypatch.chdir(tmp_path)
-    u = np.repeat(np.random.default_rng(0).choice([0.0, 5.0], 400), 50)
-    rows = np.column_stack([1e-5 * np.arange(len(u)), u, lfilter([0.0, 0.01], [1.0, -0.99], u)])
-    rows[:, 2] += 0.005 * np.random.default_rng(1).normal(size=len(u))
-    np.savetxt("rc.csv", rows, delimiter=",", header="time,v_in,v_out", comments="")
-    program = partial(call, app.main, "hybrid-sysid")
-    assert (
-        program("rig", "from", "rc.csv", "./low_pass")[0] == program("import", "rc.csv", "--rig", "./low_pass")[0] == 0
-    )
-    rig = hs.load_rig("./low_pass")
-    assert findings_of(hs.read_bag("bags/rc", rig), rig) == []
-    assert [item.name for item in rig.system.states] == ["v_out"]
-    assert rig.system.named["time_constant"] == pytest.approx(1e-3, rel=0.06)
-    assert round(5e-4 / rig.step, 6).is_integer()  # edges of the input lie between steps
-
-
-def test_an_angle_without_a_unit_wraps_too():
-    wrapped = np.degrees(8.0 * np.sin(np.linspace(0.0, 20.0, 2000))) % 360.0
-    (found,) = sample_findings(CheckedSignal(name="a", unit="1", values=wrapped, period=0.01, is_input=False))
-    assert found.kind == "the angle wraps"
-    assert "--unit a=deg" in found.cure
-
-
-def test_values_beyond_all_numbers_make_no_warnings():
-    values = np.where(np.arange(2000) % 7 == 3, 1e300, np.sin(np.arange(2000.0)))
-    with np.errstate(all="raise"):
-        (found,) = sample_findings(CheckedSignal(name="a", unit="1", values=values, period=0.01, is_input=False))
-        findings_of(replace(record(), output=1e300 * record().output), hs.load_rig(RIG))
-    assert found.kind == "impossible values"
-
-
 def test_what_changes_by_little_and_lasts_is_named():
     """A zero, a scale and a drift that no jump and no size of the whole shows."""
     rig = hs.load_rig("flexible_joint")
@@ -417,28 +231,6 @@ def test_a_zero_that_jumps_is_seen_in_a_signal_that_wanders_far():
     signal = CheckedSignal(name="heading", unit="deg", values=jumped, period=1.0, is_input=False, noise=0.1)
     found = list(changes_of(signal, heading, [STEPS], 5, guessed=True))
     assert [item.kind for item in found] == ["jump"]
-
-
-def test_sensors_of_a_chain_are_swapped_and_not_late(call, tmp_path, monkeypatch):
-    """The guessed law is of lower order than the last of five lags, which is no fault of a sensor."""
-    monkeypatch.chdir(tmp_path)
-    chain, random = [STEPS], np.random.default_rng(6)
-    for _ in range(5):
-        chain.append(lfilter([0.0, 0.06], [1.0, -0.94], chain[-1]))
-    temperatures = np.column_stack(chain[1:]) + 0.002 * random.normal(size=(len(STEPS), 5))
-    header = "time,heater_W," + ",".join(f"T{k}_degC" for k in range(1, 6))
-    rows = np.column_stack([np.arange(len(STEPS)), STEPS, temperatures])
-    np.savetxt("chain.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
-    outputs = [part for k in range(1, 6) for part in ("--output", f"T{k}_degC")]
-    program = partial(call, app.main, "hybrid-sysid")
-    assert program("rig", "from", "chain.csv", "./chain_of_lags", "--input", "heater_W", *outputs)[0] == 0
-    assert program("import", "chain.csv", "--rig", "./chain_of_lags")[0] == 0
-    rig = hs.load_rig("./chain_of_lags")
-    r = hs.read_bag("bags/chain", rig)
-    assert findings_of(r, rig) == []
-    assert not any(item.name.endswith("_lagging") for item in rig.system.states)  # nothing answers at once
-    swapped = findings_of(replace(r, output=r.output[:, [0, 3, 2, 1, 4]]), rig)
-    assert [item.kind for item in swapped] == ["swapped channels"]
 
 
 def test_an_input_of_drawn_levels_is_no_recorder_that_holds():
