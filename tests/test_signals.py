@@ -8,7 +8,6 @@ import pytest
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signal, Signals
 from hybrid_sysid_ros.commands.records import read_records
-from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -72,7 +71,7 @@ def read_in(unit: str, folder: Path, name: str = "position") -> list[Record]:
         f"  outputs: {{{name}: {output}}}\n"
     )
     bag = Path(__file__).parents[1] / "bags" / "beam_multisine"
-    return read_records([bag], "cam_beam", path, False, 0.0, Sampling())
+    return read_records([bag], "cam_beam", path, False, 0.0, "averaged")
 
 
 def test_an_output_in_another_unit_than_the_rig_s_is_refused(tmp_path):

@@ -51,7 +51,7 @@ def command(
     loaded = load_model(model, rig=rig).started(initial=initial, initial_samples=initial_samples, warm_up=warm_up)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
-    records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling, model=loaded)
+    records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling.input, model=loaded)
     parts = [(record, chosen) for record in records]
     further = [inspect(loaded, parts, described) for inspect in inspections]
     found = [evaluation(loaded, record, described, part=chosen) for record in records]

@@ -77,8 +77,7 @@ def command(
         check_file(report, suffix=".html")
     described = load_rig(rig)
     start = {"initial": initial, "initial_samples": initial_samples, "warm_up": warm_up}
-    sampling = fit_options.sampling_of(described, step, period, input_handling, start)
-    records = read_records(bag, rig, signals, recover, read_period, sampling)
+    records = read_records(bag, rig, signals, recover, read_period, input_handling)
     sampling = fit_options.sampling_of(described, step, period, input_handling, start, records)
     check_records(records, described, anyway=anyway)
     fitted = Part.parse(part)

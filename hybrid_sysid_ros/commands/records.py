@@ -8,7 +8,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.terminal import status
 from hybrid_sysid_ros.library.records import checked_bag
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models import InputHandling, Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -21,7 +21,7 @@ def read_records(
     signals: Path | None,
     recover: bool,
     period: float,
-    sampling: Sampling,
+    handling: InputHandling,
     *,
     model: Model | None = None,
 ) -> list[Record]:
@@ -29,9 +29,9 @@ def read_records(
 
     period: that of the samples that are kept [s], 0 for all. model: the model that is scored on them. Raises UserError
     for two bags with one name, for signals in another unit than the rig's, for inputs that its actuators can't give,
-    and where the sampling reads inputs at samples, but the period leaves only means.
+    and where the model's handling reads inputs at samples, but the period leaves only means.
     """
-    if period and sampling.input == "sampled":
+    if period and handling == "sampled":
         raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")
     check_names(paths)
     described = load_rig(rig)

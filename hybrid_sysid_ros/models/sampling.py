@@ -90,8 +90,8 @@ class Sampling:
         return replace(self, period=period, initial_samples=count)
 
     def following(self, period: float) -> Sampling:
-        """The same where whole samples of a record make step and period, else with the nearest that they do. period: of
-        the samples [s].
+        """The same where step and period are whole samples of a record, or whole parts of one; else with the nearest
+        that are. period: of the samples [s].
         """
         if is_multiple(self.period, period) and is_multiple(max(self.step, period), min(self.step, period)):
             return self

@@ -1,6 +1,6 @@
 """Eigenvalues of small symmetric matrices: what these lack to be positive semidefinite.
 
-Jacobi's rotations: Golub & Van Loan (2013), Matrix computations, section 8.5.
+Jacobi's rotations: Golub & Van Loan (2013), Matrix computations, section 8.5. NumPy's can't be printed as C.
 """
 
 from __future__ import annotations

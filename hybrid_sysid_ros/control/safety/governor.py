@@ -54,8 +54,8 @@ def come_back(governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], be
 def follow_state(
     governor: ReferenceGovernor, outputs: Sequence[GovernedOutput], slow: bool, now: Floats, found: Floats
 ) -> None:
-    """Lead the reference on from where it is now (p,) where a loop is slowed, and from where the rig is found (p,) once
-    it is slowed no more.
+    """Lead the reference on from where it is now (p,) where a loop is slowed, and from where the rig is found (p,), NaN
+    where that is unknown, once it is slowed no more.
     """
     if slow and governor.free:
         lead_from(governor, outputs, now)

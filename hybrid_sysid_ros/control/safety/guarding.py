@@ -306,9 +306,7 @@ def _follow_response(item: GuardedInput, sent: float, acted: float, soon: float,
 def govern(
     guard: GuardMemory, level: int, now: Floats, found: Floats, preview: Floats, times: Floats, elapsed: float
 ) -> None:
-    """Let a preview (points p,), in place, move as a level allows; see :func:`.governor.follow_reference`. found (p,):
-    where the rig is, from which it is led on when the loop is slowed no more; NaN where that is unknown.
-    """
+    """Let a preview (points p,), in place, move as a level allows; now and found (p,): see :mod:`.governor`."""
     governor, outputs = guard.governor[0], guard.outputs
     follow_state(governor, outputs, level > 0, now, found)
     if not governor.free:

@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.importing.grid import (
     clean_stamps,
     grid_of,
     known_stamps,
-    slowest,
+    sampling_stamps,
 )
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, further, rig_factor, seconds_of
@@ -54,15 +54,16 @@ class _Conversion:
         self.file, self.path, self.mapping, self.rig, self.columns = file, file.path, mapping, rig, columns
         self.notes: list[str] = []
         self.stamps = dict[str, CleanStamps]()
-        known = dict[str, CleanStamps]()
-        for item in reversed(rig.system.outputs):  # so that the first one's are left
-            column = mapping.outputs[item.name]
-            own, values = column.time or mapping.time.column, columns[column.column]
-            stamps = self.stamps_of(own, len(values))
-            known[column.column] = known_stamps(stamps, values, column.missing)
-        stamps = slowest(known, stamps, str(file.path))
+        outputs = [mapping.outputs[item.name] for item in rig.system.outputs]
+        times = [item.time or mapping.time.column for item in outputs]
+        rows = [self.stamps_of(time, len(columns[item.column])) for time, item in zip(times, outputs, strict=True)]
+        known = {
+            item.column: known_stamps(own, columns[item.column], item.missing)
+            for own, item in zip(rows, outputs, strict=True)
+        }
+        stamps = sampling_stamps(known, rows[0], str(file.path))
         self.notes += stamps.notes
-        self.grid: SampleGrid = grid_of(stamps, self.what(own))
+        self.grid: SampleGrid = grid_of(stamps, self.what(times[0]))
         check_size(self.path, len(self.grid.times) * (len(mapping.signals) + 1))
 
     def what(self, column: str) -> str:

@@ -13,7 +13,7 @@ import yaml
 
 from hybrid_sysid_ros.extensions.importing.conversion import row_times
 from hybrid_sysid_ros.extensions.importing.first_equation import delays_of
-from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of, known_stamps, slowest
+from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of, known_stamps, sampling_stamps
 from hybrid_sysid_ros.extensions.importing.guessing import INPUTS, OUTPUTS
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn, LogFile, without_unit, words_of
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, TimeColumn
@@ -96,7 +96,7 @@ def made_rig(
         for item, its in times.items()
     }
     known_of = {item: known_stamps(own_stamps[item], columns[item], sentinel_of(columns[item])) for item in outputs}
-    grid = grid_of(slowest(known_of, stamps, str(file.path)), f"{file.path}: {first or 'time'}")
+    grid = grid_of(sampling_stamps(known_of, stamps, str(file.path)), f"{file.path}: {first or 'time'}")
     names = _names(chosen)
     signals = []
     for item in chosen:

@@ -125,7 +125,7 @@ def known_stamps(stamps: CleanStamps, values: Array, missing: float | None) -> C
     return replace(stamps, rows=inside[known], times=stamps.times[: len(inside)][known])
 
 
-def slowest(stamps: Mapping[str, CleanStamps], every: CleanStamps, what: str) -> CleanStamps:
+def sampling_stamps(stamps: Mapping[str, CleanStamps], every: CleanStamps, what: str) -> CleanStamps:
     """The stamps by which a record is sampled: those of every row, or of the output that comes so much more rarely that
     straight lines between its values would pass for measurements. what: for its note.
     """

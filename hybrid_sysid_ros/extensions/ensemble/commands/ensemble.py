@@ -31,7 +31,7 @@ def command(
     measured.
     """
     loaded = [load_model(folder, rig=rig) for folder in model]
-    given = bag, loaded[0].rig, signals, recover, read_period, loaded[0].sampling
+    given = bag, loaded[0].rig, signals, recover, read_period, loaded[0].sampling.input
     records = read_records(*given, model=loaded[0])
     found = {record.name: ensemble(loaded, record, part=Part.parse(part)) for record in records}
     labels = [str(folder) for folder in model]

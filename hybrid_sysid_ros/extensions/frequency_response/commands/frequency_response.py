@@ -44,7 +44,7 @@ def command(
         reports.check_available()
         check_file(report, suffix=".html")
     loaded = load_model(model, rig=rig)
-    records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling, model=loaded)
+    records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling.input, model=loaded)
     found = [comparison.compared(loaded, experiment_of(loaded, record, part=Part.parse(part))) for record in records]
     if report is not None:
         status.print(str(write_page_of(report, loaded, found, reports.provenance(loaded, typed()))))

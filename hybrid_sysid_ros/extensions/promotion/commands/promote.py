@@ -34,7 +34,7 @@ def command(
     in use, by more than their uncertainty. Its folder then holds a copy, and nodes use it when they start again.
     """
     new, old = load_model(model, rig=rig), load_model(in_use, rig=rig)
-    records = read_records(bag, new.rig, signals, recover, read_period, new.sampling, model=new)
+    records = read_records(bag, new.rig, signals, recover, read_period, new.sampling.input, model=new)
     found = gain_of(new, old, records, Part.parse(part))
     if not found.is_better:
         raise UserError(f"{in_use} stays in use: {_why(found)}")

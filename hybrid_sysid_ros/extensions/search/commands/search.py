@@ -67,8 +67,7 @@ def command(
     if out is not None:
         check_folder(out, marker="model.yaml", replace=overwrite)
     described = load_rig(rig)
-    sampling = fit_options.sampling_of(described, step, period, input_handling, {})
-    records = read_records(bag, rig, signals, recover, read_period, sampling)
+    records = read_records(bag, rig, signals, recover, read_period, input_handling)
     sampling = fit_options.sampling_of(described, step, period, input_handling, {}, records)
     objective = Objective(
         records=records,

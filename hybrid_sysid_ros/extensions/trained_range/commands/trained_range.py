@@ -30,7 +30,7 @@ def command(
     The model, its seal and what belongs to it, such as policies, stay as they are.
     """
     found = load_model(model, rig=rig, noted=False)  # those that are there may be damaged
-    records = read_records(bag, rig or found.rig, signals, recover, read_period, found.sampling, model=None)
+    records = read_records(bag, rig or found.rig, signals, recover, read_period, found.sampling.input, model=None)
     notes = notes_of(found, records, load_rig(rig or found.rig))
     if not notes:
         raise UserError(f"{model}: its training records are too short to tell which motions they have")
