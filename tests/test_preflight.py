@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hybrid_sysid_ros.commands import rig_new
 from hybrid_sysid_ros.commands.app import main
 from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.runtime import preflight, run
+from hybrid_sysid_ros.runtime import parameters, preflight, run
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserErrors
 
@@ -61,3 +64,41 @@ def test_the_command_says_each_problem_in_a_line(call: Any) -> None:
     status, _, said = call(main, "hybrid-sysid", "run", "--reference", "sinus", "--rate", "300")
     assert status == 2
     assert [line.startswith("error: ") for line in said.splitlines()] == [True, True]
+
+
+@pytest.fixture
+def slow(tmp_path: Path) -> Callable[[str], Path]:
+    """A new rig with steps of 10 ms and a controller of 2.5 s, of which nothing else is written but what is given."""
+
+    def made(more: str = "") -> Path:
+        folder = tmp_path / "sled"
+        rig_new.command(folder)
+        file = folder / "rig.yaml"
+        text = file.read_text().replace("controller: {", "controller: {horizon: 25, period: 0.1, ")
+        file.write_text(re.sub(r"^step: \S+", "step: 0.01", text, flags=re.MULTILINE) + more)
+        return folder
+
+    return made
+
+
+def test_defaults_follow_what_the_rig_writes(slow: Any) -> None:
+    """The preview the horizon, rates the steps, and the times of the ladder the period."""
+    rig = load(str(slow()))
+    assert preflight.of_rig(rig) == []
+    defaults = {node: parameters.defaults(rig, node) for node in ("plant", "estimator", "reference", "controller")}
+    assert defaults["plant"]["rate"] == defaults["estimator"]["rate"] == 100.0
+    assert 2.5 + 0.05 <= defaults["reference"]["preview_seconds"] < 2.7
+    assert [defaults["controller"][name] for name in ("stale_after", "zero_after")] == pytest.approx([0.25, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ("mpc: {riccati_at: [0.0, 0.0]}", "mpc: riccati_at has 2 numbers: it needs one for each output, 1"),
+        ("mpc: {stage_parameters: {wall: 1.0}}", "mpc: stage_parameters names 'wall', which no term has"),
+    ],
+)
+def test_what_the_mpc_would_refuse_is_said_once_with_its_file(slow: Any, section: str, words: str) -> None:
+    rig = load(str(slow(f"\n{section}\n")))
+    (line,) = preflight.of_rig(rig)
+    assert line.startswith(f"{rig.file}: {words}")

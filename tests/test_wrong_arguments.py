@@ -54,7 +54,7 @@ def things() -> SimpleNamespace:
     """What arguments are made of."""
     model = hs.load_model(TRAINED / "cam_beam" / "model")
     mpc = hs.mpc("cam_beam", model)
-    mpc.control(np.zeros(2), np.zeros(1), np.zeros(1), np.zeros((mpc.horizon, 1)))  # its first call checks more
+    mpc.control(np.zeros(2), np.zeros(1), np.zeros(1), np.zeros((mpc.horizon, 1)))  # later calls are no less checked
     return SimpleNamespace(
         mpc=mpc,
         record=made(),
@@ -216,6 +216,7 @@ WRONG: list[Case] = [
         "state has shape (3,)",
         lambda t: t.mpc.control(np.zeros(3), np.zeros(1), np.zeros(1), np.zeros((t.mpc.horizon, 1))),
     ),
+    ("preview has shape ()", lambda t: t.mpc.control(np.zeros(2), np.zeros(1), np.zeros(1), 0.02)),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference="stairs")),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=[1.0, 2.0])),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=99.0)),

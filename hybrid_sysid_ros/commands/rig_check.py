@@ -17,7 +17,6 @@ from hybrid_sysid_ros.rigs.check import MOST_STEPS, check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import preflight
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import collected
 from hybrid_sysid_ros.support.extensions import blaming, loaded, targets
 
 BLOCKS = "▁▂▃▄▅▆▇█"
@@ -87,9 +86,8 @@ def _sections(rig: Rig) -> list[str]:
         *((name, partial(_of_extension, target, rig)) for name, target in targets("sections").items() if target),
     )
     for section, make in made:
-        with collected(found := list[str]()):
+        with preflight.collected_in_file(problems, rig, section):
             _ = make() if section in rig.content else None
-        problems += (line if line.startswith(str(rig.file)) else f"{rig.file}: {section}: {line}" for line in found)
     return problems
 
 

@@ -179,7 +179,8 @@ class ControlProblem:
         names = [name for name, _ in self.stage_parameters]
         for name in values:
             if name not in names:
-                raise UserError(f"mpc: there is no stage parameter {name}: {known(name, names)}")
+                there = known(name, names) if names else "the problem has none"
+                raise UserError(f"mpc: there is no stage parameter {name}: {there}")
         for name, sound in _stage_parameters(values, self.horizon):
             stage[:, names.index(name)] = sound
 

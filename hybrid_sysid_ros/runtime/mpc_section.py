@@ -34,7 +34,7 @@ def about(system: System, problem: ControlProblem, outputs: Any) -> ControlProbl
     """The problem of a system, sized, whose inputs cost nothing in the steady motion at outputs (p,). Raises UserError
     where the rig does not stay there, or only beyond a bound.
     """
-    at = np.array(numbers(outputs, f"mpc: {OPERATING}", count=len(system.outputs)))
+    at = _point(system, outputs, OPERATING)
     problem = problem.sized(system)
     rest = steady_motion(system, problem, at)
     tracked = np.array(problem.output_weights) > 0.0
@@ -43,6 +43,14 @@ def about(system: System, problem: ControlProblem, outputs: Any) -> ControlProbl
         raise UserError(f"mpc: {OPERATING}: no inputs hold the outputs at {at.tolist()}; give others")
     _check_within(system, problem, rest, f"mpc: {OPERATING}: to stay at {at.tolist()}")
     return replace(problem, input_rest=tuple(rest.inputs.tolist())).sized(system)
+
+
+def _point(system: System, given: Any, key: str) -> Array:
+    """Outputs (p,) of a point: here one number does not stand for all. Raises UserError for another count."""
+    found = numbers(given, f"mpc: {key}", count=len(given) if isinstance(given, list | tuple) else 1)
+    if len(found) != len(system.outputs):
+        raise UserError(f"mpc: {key} has {len(found)} numbers: it needs one for each output, {len(system.outputs)}")
+    return np.array(found)
 
 
 def _check_within(system: System, problem: ControlProblem, rest: SteadyMotion, where: str) -> None:
@@ -75,9 +83,9 @@ def extended(
     if OPERATING in given:
         problem = about(system, problem, given[OPERATING])
     if RICCATI in given:
-        at = numbers(given[RICCATI], f"mpc: {RICCATI}", count=len(system.outputs))
-        _check_within(system, problem, steady_motion(system, problem, np.array(at)), f"mpc: {RICCATI}: to stay at {at}")
-        last = riccati_terms(system, problem, np.array(at))
+        at = _point(system, given[RICCATI], RICCATI)
+        _check_within(system, problem, steady_motion(system, problem, at), f"mpc: {RICCATI}: to stay at {at.tolist()}")
+        last = riccati_terms(system, problem, at)
         problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
     if TIGHTENING in given:
         problem = tightened(system, problem, Tightening.declared(given[TIGHTENING]), covariance)

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from hybrid_sysid_ros.rigs.rig import BEYOND, Rig, load
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.runtime.rig_values import FOLLOWS, RANGES
 from hybrid_sysid_ros.support import errors, extensions
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapping, refuse_unknown, section
@@ -185,14 +184,29 @@ def _described(rig: Rig, node: str) -> tuple[dict[str, NodeParameter], list[str]
     for name, entry in declared[node].items():
         fitted = {**entry, "unit": _unit(entry, rig), "count": _count(entry, rig)}
         if isinstance(asked := entry.get("range"), str):
-            ranges = fitted["ranges"] = OF_RIG[asked](rig)
+            ranges = fitted["ranges"] = RANGES[asked](rig)
             fitted["range"] = [min(low for low, _ in ranges), max(high for _, high in ranges)]
             fitted["default"] = [min(max(entry["default"], low), high) for low, high in ranges]
         found[name] = _parameter(name, fitted, f"{rig.name}: nodes.{node}.{name}")
         if name in values:
             with collected(problems, f"{where}: nodes.{node}: "):
                 found[name] = replace(found[name], default=found[name].checked(values[name]))
+    for name in (name for name in declared[node] if name not in values):
+        with collected(problems, f"{where}: nodes.{node}: "):
+            found[name] = replace(found[name], default=_following(rig, declared[node], found, name))
     return found, problems
+
+
+def _following(rig: Rig, declared: Mapping[str, Any], known: Mapping[str, NodeParameter], name: str) -> Any:
+    """The default of a parameter that the rig does not write: it follows what the rig does write. One that must be
+    above another grows with that.
+    """
+    item, entry = known[name], declared[name]
+    if rule := entry.get("follows"):
+        return FOLLOWS[rule](rig, item.default, _values(known), _values(_described(rig, "controller")[0]))
+    if item.above and not item.default > known[item.above].default:
+        return item.default * known[item.above].default / declared[item.above]["default"]
+    return item.default
 
 
 def _values(known: Mapping[str, NodeParameter]) -> dict[str, Any]:
@@ -293,26 +307,6 @@ def _joined(path: Path, known: Declarations, every: Mapping[str, Any]) -> Declar
     return joined
 
 
-def _of_actuators(rig: Rig) -> list[list[float]]:
-    """As far as each input reaches, with either sign."""
-    largest = [max(abs(item.low), abs(item.high)) for item in rig.actuators]
-    return [[-value, value] for value in largest]
-
-
-def _of_outputs(rig: Rig) -> list[list[float]]:
-    """As far as each output travels, as it is shown, with either sign; BEYOND where no stop is known."""
-    low, high = np.abs(rig.travel_of_outputs) / np.abs([display.scale for display in rig.display])
-    return [[-value, value] for value in np.minimum(np.maximum(low, high), BEYOND).tolist()]
-
-
-OF_RIG: Mapping[str, Callable[[Rig], list[list[float]]]] = {
-    "ACTUATOR": _of_actuators,
-    "SPAN": lambda rig: [[0.0, item.high - item.low] for item in rig.actuators],
-    "TRAVEL": _of_outputs,
-}
-"""Ranges that the rig tells, one for each entry."""
-
-
 def _count(entry: Mapping[str, Any], rig: Rig) -> int:
     counts = {"input": rig.system.inputs, "output": rig.system.outputs, "state": rig.system.states}
     return len(counts.get(entry.get("each", ""), ()))
@@ -335,9 +329,11 @@ def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
 
 def _parameter(name: str, entry: Mapping[str, Any], where: str) -> NodeParameter:
     content = {"name": name, **entry}
-    limits = content.pop("range", None)
-    if isinstance(limits, str) and limits not in OF_RIG:
-        raise UserError(f"{where}.range is {limits!r}: give lowest and highest value, or one of {', '.join(OF_RIG)}")
+    limits, follows = content.pop("range", None), content.pop("follows", None)
+    if follows not in (None, *FOLLOWS):
+        raise UserError(f"{where}.follows is {follows!r}: choose one of {', '.join(FOLLOWS)}")
+    if isinstance(limits, str) and limits not in RANGES:
+        raise UserError(f"{where}.range is {limits!r}: give lowest and highest value, or one of {', '.join(RANGES)}")
     if limits is not None and not isinstance(limits, str):
         content["low"], content["high"] = numbers(limits, f"{where}.range", count=2)
     return built(NodeParameter, content, where)

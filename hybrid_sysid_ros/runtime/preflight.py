@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.models import Model
@@ -14,10 +14,8 @@ from hybrid_sysid_ros.runtime.companion import NodeValues
 from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.runtime.parameters import declarations, settings
 from hybrid_sysid_ros.runtime.references import signal_of
+from hybrid_sysid_ros.runtime.rig_values import TOLERANCE, needed_preview, rounded_up
 from hybrid_sysid_ros.support.errors import UserErrors, collected
-
-TOLERANCE = 1e-9
-"""Relative, of times that are sums."""
 
 
 def check(rig: Rig, given: NodeValues) -> None:
@@ -56,9 +54,17 @@ def of_rig(rig: Rig) -> list[str]:
     )
     problems += _disagreements(rig, {}, loop, controller["horizon"] * controller["period"])
     for key, make in made:
-        with collected(problems, f"{rig.file}: {key}: "):
+        with collected_in_file(problems, rig, key):
             make()
     return problems
+
+
+@contextmanager
+def collected_in_file(problems: list[str], rig: Rig, key: str) -> Iterator[None]:
+    """Add what is wrong with a part of the rig's file to the problems, with its place where it does not say that."""
+    with collected(found := list[str]()):
+        yield
+    problems += (line if line.startswith(str(rig.file)) else f"{rig.file}: {key}: {line}" for line in found)
 
 
 def settings_of(rig: Rig, given: NodeValues) -> tuple[NodeValues, list[str]]:
@@ -87,11 +93,11 @@ def _disagreements(rig: Rig, given: NodeValues, loop: NodeValues, horizon: float
     if "reference" not in loop:
         return
     reference = loop["reference"]
-    needed = horizon + controller["latency"] + rig.system.delay + reference["publish_period"]
+    needed = needed_preview(rig, controller, reference, horizon)
     if reference["preview_seconds"] < needed * (1.0 - TOLERANCE):
         yield (
             f"{at('reference', 'preview_seconds')} s: the controller's horizon, the delays and a publish period take "
-            f"{needed:g} s; write preview_seconds: {math.ceil(100.0 * needed) / 100.0:g} for the node reference"
+            f"{needed:g} s; write preview_seconds: {rounded_up(needed):g} for the node reference"
         )
     count = reference["publish_period"] / reference["point_spacing"]
     if abs(count - round(count)) > TOLERANCE * count:

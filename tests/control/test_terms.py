@@ -209,6 +209,8 @@ def test_with_riccati_s_cost_a_short_horizon_acts_as_a_long_one():
 def test_an_unknown_stage_parameter_is_refused_later_too(solver):
     with pytest.raises(UserError, match="no stage parameter limits: known are limit"):
         solver.assign(limits=1.0)
+    with pytest.raises(UserError, match="no stage parameter limits: the problem has none"):
+        replace(solver.problem, terms=(), stage_parameters=()).assign(np.zeros((1, 0)), {"limits": 1.0})
 
 
 @pytest.mark.parametrize("weights", [(-1.0,), (math.nan,), "x", 5j])

@@ -36,15 +36,13 @@ class Instance(NamedTuple):
     preview: Array
     """Reference of the outputs at the end of each interval, (N, p)."""
 
-    def assign(self, state: Array, disturbance: Array, previous: Array, preview: Array) -> None:
-        """Copy an instance into these arrays."""
-        self.state[:], self.disturbance[:], self.previous[:], self.preview[:] = state, disturbance, previous, preview
-
-    def check(self, *parts: Array) -> None:
-        """Raise UserError for a part of another shape than these arrays, naming it."""
+    def assign(self, *parts: Array) -> None:
+        """Copy an instance into these arrays. Raises UserError for a part of another shape, naming it."""
         for name, own, part in zip(PARTS, self, parts, strict=True):
-            if np.shape(part) != own.shape:
-                raise UserError(f"control: {name} has shape {np.shape(part)}; it needs {own.shape}")
+            shape = part.shape if isinstance(part, np.ndarray) else np.shape(part)
+            if shape != own.shape:
+                raise UserError(f"control: {name} has shape {shape}; it needs {own.shape}")
+            own[:] = part
 
 
 @inner

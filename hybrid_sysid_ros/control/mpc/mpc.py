@@ -158,14 +158,8 @@ class ExactMpc:
         last plan; without one it is the previous input, or zero if that is not a number either. Raises UserError for a
         part of another shape.
         """
-        instance, parts = self.instance, (state, disturbance, previous_input, preview)
-        if self.cold:  # once: a loop's later calls have the shapes of its first
-            instance.check(*parts)
-        try:
-            instance.assign(*parts)
-        except ValueError:
-            instance.check(*parts)
-            raise
+        instance = self.instance
+        instance.assign(state, disturbance, previous_input, preview)
         return self.planned(self.within_time(instance, partial(solve_call, self.compiled, instance)))
 
     def within_time(self, instance: Instance, call: Callable[[int, bool], int]) -> Status:

@@ -166,8 +166,6 @@ class Supervisor:
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
         instance, mpc = self.instance, self.mpc
-        if mpc.cold:
-            instance.check(state, disturbance, previous_input, preview)
         instance.assign(state, disturbance, previous_input, preview)
         status = mpc.within_time(instance, partial(self._call, ANSWER))
         if status is not Status.POLICY:

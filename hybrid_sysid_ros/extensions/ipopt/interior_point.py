@@ -59,8 +59,6 @@ class InteriorPointMpc:
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
         instance = self._instance
-        if self._cold:
-            instance.check(state, disturbance, previous_input, preview)
         previous = np.clip(previous_input, self.problem.input_low, self.problem.input_high)
         instance.assign(state, disturbance, previous, preview)
         if not np.isfinite(self._flat).all():
