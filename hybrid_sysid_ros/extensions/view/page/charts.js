@@ -56,9 +56,10 @@ export function colour(name) {
 }
 
 export class Chart {
-  // lines: [{name, tone, data: () => [times, values], step, dash, width}]; levels: dashed lines at [value, ...]
-  constructor(parent, { title, kind, lines, levels = [], clock, least = 0, decimals = 2, zero = false, last = false }) {
-    Object.assign(this, { lines, levels, clock, least, decimals, zero, last, full: () => null, layers: [] });
+  // lines: [{name, tone, data: () => [times, values], step, dash, width}]; levels: dashed lines at [value, ...]; marks: the only values
+  // named at its left, where it is low.
+  constructor(parent, { title, kind, lines, levels = [], marks = null, clock, least = 0, decimals = 2, zero = false, last = false }) {
+    Object.assign(this, { lines, levels, marks, clock, least, decimals, zero, last, full: () => null, layers: [] });
     const box = parent.appendChild(document.createElement("div"));
     box.className = `chart ${kind}`;
     const head = box.appendChild(document.createElement("div"));
@@ -93,7 +94,7 @@ export class Chart {
       scales: { x: { time: false, range: () => this.clock.window() }, y: { range: () => this.limits() } },
       axes: [
         { ...axis, size: labelled ? 20 : 2, gap: 2, splits: () => this.clock.ticks(), values: (u, values) => values.map((value) => this.label(value)) },
-        { ...axis, size: 46, gap: 4, space: 18 },
+        { ...axis, size: 46, gap: 4, space: 18, ...(this.marks && { splits: () => this.marks }) },
       ],
       series: [{}, { show: false }],
       hooks: { draw: [(u) => this.draw(u)] },
@@ -138,7 +139,7 @@ export class Chart {
         if (values[k] > high && times[k] >= begin && times[k] <= end) high = values[k];
       }
     }
-    if (!(high >= low)) [low, high] = [0, 1];
+    if (!(high >= low)) return Number.isFinite(this.range[0]) ? this.range : [0, 1]; // the first values set the range at once
     const middle = (low + high) / 2, half = Math.max(0.56 * (high - low), this.least / 2, 1e-9);
     const wanted = [this.zero ? 0 : middle - half, middle + half];
     const kept = 0.04;

@@ -65,7 +65,7 @@ function errorChart(place, output, k, index) {
 function delayChart(place) {
   const { rig } = model, column = 1 + rig.inputs.length;
   const chart = new Chart(place, {
-    title: "delay [ms], from measurement to command", kind: "small", clock, zero: true, least: 1.2e3 * rig.period, levels: [1e3 * rig.period],
+    title: "delay [ms], from measurement to command", kind: "small", clock, zero: true, least: 1.2e3 * rig.period, levels: [1e3 * rig.period], marks: [0, 1e3 * rig.period],
     lines: [{ tone: "estimate", data: part("command", column), width: 1.2 }],
   });
   chart.noting = () => {
@@ -77,7 +77,7 @@ function delayChart(place) {
 }
 
 function layersChart(place) {
-  const chart = new Chart(place, { title: "layers of safety [% of the answers]", kind: "small", last: true, clock, zero: true, lines: [] });
+  const chart = new Chart(place, { title: "layers of safety [% of the answers]", kind: "small", last: true, marks: [0, 100], clock, zero: true, lines: [] });
   chart.limits = () => [0, 100];
   chart.overlay = (context, x, y) => {
     model.shares.forEach(({ begin, end, parts }) => {
