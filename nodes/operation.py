@@ -47,9 +47,13 @@ class Operation:
             self.times[state] += 1
 
     def turn_to(self, mode: ControllerMode) -> None:
-        """Take another mode. Raises UserError where the loop is not armed and would have to move."""
+        """Take another mode. Raises UserError where the loop is not armed and would have to move, and where a stopped one
+        would have to hold: only :attr:`ControllerMode.DRIVE` ends a stop.
+        """
         if mode is not ControllerMode.STOP and not self.armed:
             raise UserError(f"the loop is disarmed ({self.reason}): {self._way_back}")
+        if mode is ControllerMode.HOLD and self.mode is ControllerMode.STOP:
+            raise UserError("the loop is stopped, which a hold would end: call the service enable")
         self.mode, self.stops = mode, self.stops + (mode is ControllerMode.STOP)
         self._say("may move" if mode is ControllerMode.DRIVE else "at rest")
 

@@ -178,6 +178,9 @@ def test_what_may_be_asked_of_an_operation() -> None:
     assert operation.state(LoopState.SLOWED) is LoopState.HOLDING
     operation.turn_to(ControllerMode.STOP)
     assert operation.state(LoopState.DRIVING) is LoopState.STOPPED
+    with pytest.raises(UserError, match="enable"):
+        operation.turn_to(ControllerMode.HOLD)
+    assert operation.state(LoopState.DRIVING) is LoopState.STOPPED, "a hold would drive a rig that rests"
     operation.emergency_stop("first")
     operation.emergency_stop("second")
     assert "first" in operation.words

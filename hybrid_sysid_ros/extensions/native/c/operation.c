@@ -64,6 +64,10 @@ static bool turn_to(enum mode next, char *words)
         snprintf(words, WORDS, "the loop is disarmed (%.300s): %s", control.reason, way_back());
         return false;
     }
+    if (next == HOLD && before == STOP) {
+        snprintf(words, WORDS, "the loop is stopped, which a hold would end: call the service enable");
+        return false;
+    }
     control.mode = next;
     say(next == DRIVE ? "may move" : "at rest");
     if (before == HOLD && next == DRIVE && control.settled) {

@@ -213,6 +213,9 @@ def test_the_services_stop_hold_and_free_the_loop(body: LoopBody) -> None:
     assert body.go(3)[-1] != 0.0
     assert body.ask("stop").success
     assert body.go(80)[-1] == 0.0
+    refused = body.ask("hold")
+    assert not refused.success
+    assert "stopped" in refused.message
     assert body.ask("enable").success
     assert max(body.go(60)) > 0.0
     assert body.ask("estop").success

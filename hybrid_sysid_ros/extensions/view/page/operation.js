@@ -26,7 +26,7 @@ function present() {
 function isUseful(service, state, reason) {
   if (service === "arm") return state === "disarmed" && !LATCHED.test(reason) && (model.values("controller: loop").ready ?? "yes") === "yes";
   if (service === "disarm") return state !== "disarmed";
-  if (service === "hold") return state !== "disarmed" && !(state === "holding" && ASKED.test(reason));
+  if (service === "hold") return !AT_REST.includes(state) && !(state === "holding" && ASKED.test(reason));
   if (service === "enable") return ["holding", "stopped", "resting", "other"].includes(state);
   return true;
 }

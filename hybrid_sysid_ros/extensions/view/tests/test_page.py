@@ -148,7 +148,7 @@ ON = {
         *("stop", "estop", "enable", "reset", "disarm")
     ],
     ("resting", "the actuator is stuck"): ["stop", "estop", "hold", "enable", "reset", "disarm"],
-    ("stopped", "until the service enable is called"): ["stop", "estop", "hold", "enable", "reset", "disarm"],
+    ("stopped", "until the service enable is called"): ["stop", "estop", "enable", "reset", "disarm"],
     ("disarmed", "disarmed (the service estop): call the services reset and arm"): ["stop", "estop", "reset"],
     ("disarmed", "not armed yet"): ["stop", "estop", "reset", "arm"],
 }
