@@ -225,6 +225,7 @@ class PlanExecution(RigNode):
                 self.ready = self.running = self.awaited = None
         if started:  # which may have enabled the controller after that
             self.controller.call(stopper)
+            self.own_stops = 0  # the controller may have said how many there were in between
         if self.active:
             latched = ", and the controller until it is reset and armed" if emergency else ""
             latch = "the commander's emergency stop is latched: call the services reset and arm"
