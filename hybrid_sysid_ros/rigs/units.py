@@ -64,13 +64,15 @@ NAMES: Mapping[str, str] = {
     "pascal": "Pa", "watt": "W", "joule": "J", "second": "s", "hertz": "Hz",
 }  # fmt: skip
 """Names of symbols."""
+AXES = {letter: tuple(letter + axis for axis in "abcdq") for letter in "ui"}
+"""Voltages and currents of the phases and axes of a machine."""
 LETTERS: Mapping[str, frozenset[str]] = {
-    "V": frozenset(("voltage", "volt", "u", "spannung", "pump", "motor", "heater", "drive", "supply")),
-    "A": frozenset(("current", "i", "strom")),
+    "V": frozenset(("voltage", "volt", "u", *AXES["u"], "spannung", "pump", "motor", "heater", "drive", "supply")),
+    "A": frozenset(("current", "i", *AXES["i"], "strom")),
     "N": frozenset(("force", "f", "load", "thrust", "kraft")),
     "m": frozenset(("position", "pos", "x", "level", "height", "h", "distance", "displacement", "stroke", "weg")),
     "s": frozenset(("time", "t", "zeit", "timestamp", "elapsed")),
-    "h": frozenset(("time", "t", "zeit", "elapsed")),
+    **dict.fromkeys(("h", "d"), frozenset(("time", "t", "zeit", "elapsed"))),
     "K": frozenset(("temperature", "temp", "temperatur", "t")),
     "W": frozenset(("power", "leistung")),
 }

@@ -23,6 +23,8 @@ DELAYS = np.unique(np.round(np.geomspace(1.0, 1000.0, 40)).astype(int)).tolist()
 """Dead times that are tried, in samples."""
 MOST_STEPS, MOST_OUTPUTS, FEW = 3000, 4, 30
 """Steps and outputs by which dead times are found, and how often the longest one that is tried fits into a record."""
+ONE_LINE, FEW_PERIODS = 0.9, 4
+"""Share of a sine's power in the lines about its frequency, and periods from which it is one."""
 GAIN = 0.95
 """Error that a dead time must leave, in that without it: a lag of higher order looks like a short one."""
 
@@ -34,7 +36,8 @@ def late(values: Array, samples: int) -> Array:
 
 def delays_of(outputs: Sequence[Array], inputs: Sequence[Array], every: int, step: float, band: float) -> list[int]:
     """Samples by which each input acts later, one input after the other: those with which the changes of the nearest
-    equations are nearest to the record's; 0 where these are hardly nearer. Of many outputs the best explained decide.
+    equations are nearest to the record's; 0 where these are hardly nearer, and of an input of one frequency, where a
+    dead time is as good as a lag. Of many outputs the best explained decide.
 
     every: samples in a step [s]. band: frequency below which the outputs vary [Hz].
     """
@@ -50,12 +53,19 @@ def delays_of(outputs: Sequence[Array], inputs: Sequence[Array], every: int, ste
         shifted = [late(values, delay) for values, delay in zip(us, chosen, strict=True)]
         return float(np.sqrt(sum(search.driven_by(shifted).least(1e-4) for search in searches)))
 
-    for k in range(len(us)):
+    for k in [k for k in range(len(us)) if not is_sine(us[k])]:
         tried = [delay for delay in DELAYS if delay * FEW < len(us[k])]
         errors = {delay: error([*found[:k], delay, *found[k + 1 :]]) for delay in (0, *tried)}
         best = min(errors, key=lambda delay: errors[delay])
         found[k] = best if errors[best] < GAIN * errors[0] else 0
     return found
+
+
+def is_sine(values: Array) -> bool:
+    """Whether nearly all of a signal's power is at one frequency."""
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    line = int(np.argmax(power))
+    return bool(power[max(line - 2, 0) : line + 3].sum() > ONE_LINE * power.sum() > 0.0) and line > FEW_PERIODS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,8 @@ NOISE = 6.0
 """Power of a line that passes for noise, in the median of the fastest lines."""
 HELD = 1e-9
 """Change of an input, in its span, below which it is held."""
+MOVING, JUMP = 0.1, 0.05
+"""Share of the samples at which a signal that is set in steps moves at most; its usual step, in its span, at least."""
 NEITHER = {"setpoint", "reference", "ref", "target", "sollwert", "desired", "status", "mode", "id", "index", "counter"}
 """Words of columns that are neither inputs nor outputs."""
 PER_PERIOD, FEWEST = 20.0, 300
@@ -57,21 +59,39 @@ class MadeRig:
     """Outputs that are angles and go beyond half a turn."""
 
 
-def roles(columns: Sequence[LogColumn], inputs: Sequence[str], outputs: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of the columns that are inputs and outputs: those given, or else those whose names say so. Where the inputs
-    are given, and no name says that it is an output, all others are that do not say something else.
+def roles(
+    columns: Sequence[LogColumn], inputs: Sequence[str], outputs: Sequence[str], is_stepped: Callable[[str], bool]
+) -> tuple[list[str], list[str]]:
+    """Names of the columns that are inputs and outputs: those given, or else those whose names say so. Where one kind
+    is given, all other columns are of the other kind that do not say something else. Where names say outputs alone,
+    inputs are those that stand still between jumps.
+
+    is_stepped: whether a column, by its name, does so.
     """
     words = {column.name: {*words_of(column.name)} for column in columns if column.name not in (*inputs, *outputs)}
     if {"x"} in words.values() and {"f"} in words.values():  # a force and a position, not x and its y
         words = {name: {"position"} if its == {"x"} else its for name, its in words.items()}
-    found_in = list(inputs) or [name for name, its in words.items() if its & {*INPUTS} and not its & {*OUTPUTS}]
-    found_out = list(outputs) or [name for name, its in words.items() if its & {*OUTPUTS} and name not in found_in]
-    left = [name for name in words if name not in (*found_in, *found_out)]
-    if len(left) == 1 and bool(found_in) != bool(found_out):
-        (found_out if found_in else found_in).append(left[0])
-    elif inputs and not found_out:
-        found_out = [name for name in left if not words[name] & NEITHER]
+    said_in = [name for name, its in words.items() if its & {*INPUTS} and not its & {*OUTPUTS}]
+    said_out = [name for name, its in words.items() if its & {*OUTPUTS} and name not in said_in]
+    if said_out and not (inputs or said_in):
+        said_in = [name for name in words if not words[name] & NEITHER and is_stepped(name)]
+        said_out = [name for name in said_out if name not in said_in]
+    silent = [name for name in words if name not in (*said_in, *said_out) and not words[name] & NEITHER]
+    found_in, found_out = list(inputs) or said_in, list(outputs) or said_out
+    if inputs and not outputs:
+        found_out = found_out + silent
+    elif outputs and not inputs:
+        found_in = found_in + silent
+    elif len(silent) == 1 and bool(found_in) != bool(found_out):
+        (found_out if found_in else found_in).append(silent[0])
     return found_in, found_out
+
+
+def is_stepped(values: Array) -> bool:
+    """Whether a signal stands still between jumps, as inputs do that are set, and no sensor's counts."""
+    moved = np.abs(np.diff(values))
+    jumps = moved[moved > HELD * np.ptp(values)]
+    return 0 < len(jumps) < MOVING * len(values) and float(np.median(jumps)) > JUMP * float(np.ptp(values))
 
 
 def made_rig(

@@ -10,7 +10,7 @@ import typer
 
 from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.importing.commands.options import ColumnNames, ColumnUnits, OtherFiles, pairs
-from hybrid_sysid_ros.extensions.importing.generated_rig import made_rig, roles
+from hybrid_sysid_ros.extensions.importing.generated_rig import is_stepped, made_rig, roles
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile
 from hybrid_sysid_ros.extensions.importing.mapping import FILE
 from hybrid_sysid_ros.extensions.importing.readers import open_joined
@@ -51,7 +51,7 @@ def command(
     if isinstance(time, str):
         raise UserError(time)
     free = [item for item in free if item.name != time.column]
-    chosen_in, chosen_out = roles(free, inputs, outputs)
+    chosen_in, chosen_out = roles(free, inputs, outputs, lambda name: is_stepped(log.read([name])[name]))
     for kind, chosen in (("input", chosen_in), ("output", chosen_out)):
         if not chosen:
             raise UserError(

@@ -8,7 +8,8 @@ from scipy.signal import cont2discrete, lfilter
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.extensions.importing.generated_rig import roles
+from hybrid_sysid_ros.extensions.importing.first_equation import delays_of, late
+from hybrid_sysid_ros.extensions.importing.generated_rig import is_stepped, roles
 from hybrid_sysid_ros.extensions.importing.log_file import LogColumn
 from tests.command_line import refused
 
@@ -292,7 +293,37 @@ def test_an_angle_that_wraps_is_unwrapped_without_its_unit(program, tmp_path, mo
     np.testing.assert_allclose(found - found[0], turned - turned[0], atol=1e-6)
 
 
-def test_where_inputs_are_given_the_other_columns_are_outputs_that_say_nothing_else():
-    columns = [LogColumn(name=name, samples=9) for name in ("Heizung", "T1_degC", "T2_degC", "setpoint", "status")]
-    assert roles(columns, ["Heizung"], []) == (["Heizung"], ["T1_degC", "T2_degC"])
-    assert roles(columns, ["Heizung"], ["T2_degC"]) == (["Heizung"], ["T2_degC"])
+COLUMNS = [LogColumn(name=name, samples=9) for name in ("Heizung", "T1_degC", "T2_degC", "setpoint", "status")]
+PUMP = [LogColumn(name=name, samples=9) for name in ("speed_rpm", "flow_L_min", "pressure_bar")]
+HOUSE = [LogColumn(name=name, samples=9) for name in ("heater_W", "sun_W_m2", "outside_degC", "level", "inside_degC")]
+
+
+@pytest.mark.parametrize(
+    ("columns", "inputs", "outputs", "found"),
+    [
+        (COLUMNS, ["Heizung"], [], (["Heizung"], ["T1_degC", "T2_degC"])),
+        (COLUMNS, ["Heizung"], ["T2_degC"], (["Heizung"], ["T2_degC"])),
+        (PUMP, [], [], (["speed_rpm"], ["pressure_bar"])),
+        (PUMP, ["speed_rpm"], [], (["speed_rpm"], ["pressure_bar", "flow_L_min"])),
+        (HOUSE, [], ["inside_degC"], (["heater_W", "sun_W_m2", "outside_degC"], ["inside_degC"])),
+    ],
+)
+def test_what_the_columns_are_that_nobody_named(columns, inputs, outputs, found):
+    assert roles(columns, inputs, outputs, lambda name: name == "speed_rpm") == found
+
+
+def test_what_is_set_in_steps_is_told_from_what_is_counted():
+    random = np.random.default_rng(3)
+    assert is_stepped(np.repeat(random.uniform(size=20), 50))
+    assert not is_stepped(np.round(20 * np.sin(np.linspace(0, 6, 4000))))  # an encoder's counts
+    assert not is_stepped(random.normal(size=1000))
+    assert not is_stepped(np.ones(100))
+
+
+def test_a_sine_says_nothing_of_a_dead_time():
+    time, constant = 1e-3 * np.arange(4000), 0.02
+    sine, steps = np.sin(80.0 * np.pi * time), np.repeat(np.random.default_rng(0).normal(size=100), 40)
+    for values, delay in ((sine, 0), (steps, 12)):
+        later = lfilter([1e-3 / constant], [1.0, 1e-3 / constant - 1.0], late(values, 12))
+        found = delays_of([later], [values], 1, 1e-3, 10.0)[0]
+        assert found == pytest.approx(delay, abs=2)
