@@ -47,8 +47,8 @@ class Operation:
             self.times[state] += 1
 
     def turn_to(self, mode: ControllerMode) -> None:
-        """Take another mode. Raises UserError where the loop is not armed and would have to move, and where a stopped one
-        would have to hold: only :attr:`ControllerMode.DRIVE` ends a stop.
+        """Take another mode. Raises UserError where the loop is not armed and would have to move, and where a stopped
+        one would have to hold: only :attr:`ControllerMode.DRIVE` ends a stop.
         """
         if mode is not ControllerMode.STOP and not self.armed:
             raise UserError(f"the loop is disarmed ({self.reason}): {self._way_back}")
