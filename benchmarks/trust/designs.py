@@ -1,6 +1,7 @@
 """Designed experiments against those of the rig: variances of fitted parameters over sensor noises.
 
-A run lasts at most a quarter of an hour; the next one goes on from ``results/trust_designs.part.json``.
+A run lasts at most a quarter of an hour; the next one goes on from ``results/trust_designs.part.json``, with the
+experiments in ``results/trust_designs.part``.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ NOISES, FIRST_SEED = 20, 8000
 MOST = 0.5
 """What is asked of the ratio of the worst variances."""
 PART = result.RESULTS / "trust_designs.part.json"
+PLANS = result.RESULTS / "trust_designs.part"
 
 
 def counted(rig: Rig) -> list[str]:
@@ -74,11 +76,13 @@ def fitted(rig: Rig, record: Record) -> System:
     return context.fit_physics([first.system], stages=(None,), hold=held, starts=1, again=True).system
 
 
-@cache
-def signals(name: str, kind: str, folder: str) -> tuple[str, float]:
-    """A file that plays an experiment with the same signals under every noise, and the seconds of its design."""
-    rig, place = true_rig(name), Path(folder) / name / kind
-    if kind != DESIGNED:
+def played(name: str, kind: str, folder: Path) -> Path:
+    """A file that plays an experiment of the rig with the same signals under every noise; made where it is missing."""
+    place = folder / name / kind
+    if kind == DESIGNED and not place.exists():
+        planned(name, folder)
+    elif not place.exists():
+        rig = true_rig(name)
         times = np.arange(round(SECONDS / rig.step) + 1, dtype=np.float64) * rig.step
         driving = excitation(rig, kind, seed=FIRST_SEED, duration=SECONDS, times=times)
         scales = np.ones(driving.shape[1])
@@ -86,29 +90,34 @@ def signals(name: str, kind: str, folder: str) -> tuple[str, float]:
             scales[index] = rig.sensors[loop.output].scale
         place.mkdir(parents=True)
         write_signals(place / SIGNALS, times, dict(zip(driving_columns(rig), (driving / scales).T, strict=True)))
-        return str(place / SIGNALS), 0.0
-    model = first_model(name)
-    begun = time.perf_counter()
+    return place / SIGNALS
+
+
+def planned(name: str, folder: Path) -> dict[str, float]:
+    """Design the experiment, and say how many seconds of a processor that takes: machines are busy."""
+    model, rig = first_model(name), true_rig(name)
+    begun = time.process_time()
     found = designed(model, rig, seconds=SECONDS, period=1.0 / RATE, parameters=counted(rig))
-    seconds = time.perf_counter() - begun
-    place.parent.mkdir(parents=True, exist_ok=True)
-    save_plan(place, found)
-    return str(place / SIGNALS), seconds
+    seconds = time.process_time() - begun
+    (folder / name).mkdir(parents=True, exist_ok=True)
+    save_plan(folder / name / DESIGNED, found)
+    return {"seconds": seconds, **dict(zip(found.names, found.after.tolist(), strict=True))}
 
 
-def errors(name: str, kind: str, folder: str, seed: int) -> dict[str, float]:
-    """Errors of the parameters, in the larger one of value and scale, of one record; and the seconds of a design."""
+def errors(name: str, kind: str, folder: Path, seed: int) -> dict[str, float]:
+    """Errors of the parameters, in the larger one of value and scale, of one record."""
     rig = true_rig(name)
-    file, seconds = signals(name, kind, folder)
-    values = fitted(rig, recorded(rig, file, seed=seed, seconds=SECONDS)).named
+    file = played(name, kind, folder)
+    values = fitted(rig, recorded(rig, str(file), seed=seed, seconds=SECONDS)).named
     truth = rig.system.named
     sizes = {item.name: max(abs(truth[item.name]), item.scale) for item in rig.system.parameters}
-    found = {key: (values[key] - truth[key]) / sizes[key] for key in counted(rig)}
-    return {**found, "seconds": seconds}
+    return {key: (values[key] - truth[key]) / sizes[key] for key in counted(rig)}
 
 
-def tasks(folder: str) -> Iterator[tuple[str, str, Any]]:
-    """All records of all experiments."""
+def tasks(folder: Path) -> Iterator[tuple[str, str, Any]]:
+    """The designs, and all records of all experiments."""
+    for name in RIGS:
+        yield name, "design", partial(planned, name, folder)
     for seed in range(FIRST_SEED, FIRST_SEED + NOISES):
         for name in RIGS:
             for kind in (DESIGNED, *OTHERS):
@@ -117,8 +126,8 @@ def tasks(folder: str) -> Iterator[tuple[str, str, Any]]:
 
 def measured() -> dict[str, Any]:
     """By rig: the worst parameter's variance of each experiment, their ratio, the noises, and a design's seconds."""
-    with TemporaryDirectory() as folder:
-        done = resumed(PART, tasks(folder), digest(*CODE))
+    code = digest(*CODE)
+    done = resumed(PART, tasks(PLANS / code[:12]), code)
     found = {}
     for name in RIGS:
         runs = {kind: list(done.get(f"{name} {kind}", {}).values()) for kind in (DESIGNED, *OTHERS)}
@@ -130,11 +139,11 @@ def measured() -> dict[str, Any]:
                 "noises": fewest,
                 "ratio": worst[DESIGNED][1] / least,
                 "worst": {kind: {"parameter": key, "variance": value} for kind, (key, value) in worst.items()},
-                "seconds": max(item["seconds"] for item in runs[DESIGNED]),
+                "seconds": done[name]["design"]["seconds"],
             }
     return found
 
 
 def _worst(runs: Sequence[dict[str, float]]) -> tuple[str, float]:
-    variances = {key: float(np.var([run[key] for run in runs], ddof=1)) for key in runs[0] if key != "seconds"}
+    variances = {key: float(np.var([run[key] for run in runs], ddof=1)) for key in runs[0]}
     return max(variances.items(), key=lambda item: item[1])
