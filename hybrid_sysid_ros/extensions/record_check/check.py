@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.extensions.record_check.expectation import is_guessed
+from hybrid_sysid_ros.extensions.record_check.applied_input import levels_cut_off, of_held_input
+from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.relation import wanders
-from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held, response_findings
+from hybrid_sysid_ros.extensions.record_check.response import response_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
 from hybrid_sysid_ros.rigs.rig import Rig
 
@@ -27,8 +28,6 @@ MISSING = 0.005
 """Share of missing samples that is worth a word."""
 SILENT = 0.9
 """Cost of a finding beside which the rig's physics say nothing: where nothing moves, friction makes any answer."""
-UNRELATED = 0.3
-"""Correlation of a held input's neighbouring levels below which they are drawn, and no faster signal's samples."""
 STILL = 0.5
 """Cost of an input that does not move while another one does: the record tells nothing of that one alone."""
 
@@ -36,6 +35,7 @@ STILL = 0.5
 def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     """All findings, the costliest first. Raises UserError for a record that does not fit the rig."""
     signals, found = signals_of(record, rig), list[RecordFinding]()
+
     for signal in signals:
         found += sample_findings(signal, list(record.input.T))
     if any(signal.is_input and signal.span > 0.0 for signal in signals):
@@ -43,9 +43,12 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     found += _whole(record, signals)
     found += _unrelated(record, signals)
     if not any(item.cost >= SILENT for item in found):
-        responses = response_findings(record, rig, signals)
+        expected, responses = expected_outputs(record, rig), list[RecordFinding]()
+        if expected is not None:
+            responses += levels_cut_off(record, rig, signals, expected)
+            responses += () if responses else response_findings(record, rig, signals, expected)
         found += map(_of_guess, responses) if is_guessed(rig) else responses
-        found = [item for item in (_of_held_input(item, record, rig) for item in found) if item]
+        found = [item for item in (of_held_input(item, record, rig, expected) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
 
 
@@ -69,21 +72,6 @@ def _of_guess(item: RecordFinding) -> RecordFinding:
     if not item.blocks:
         return item
     return replace(item, cost=0.79, cure=f"{item.cure}; or the law, a guess of rig from, is wrong: correct system.py")
-
-
-def _of_held_input(item: RecordFinding, record: Record, rig: Rig) -> RecordFinding | None:
-    """A held input is no fault where the outputs answer it at its times; where nobody can tell, it is a remark, and
-    none where its levels are drawn at random, as steps of an experiment are.
-    """
-    if not item.samples:
-        return item
-    acts = input_acts_as_held(record, rig, item.samples)
-    if acts is False and not is_guessed(rig):
-        return item
-    values = record.input[:, [known.name for known in rig.system.inputs].index(item.signal)]
-    levels = values[np.flatnonzero(np.diff(values))]
-    drawn = abs(float(np.corrcoef(levels[1:], levels[:-1])[0, 1])) < UNRELATED
-    return None if acts or drawn else replace(item, cost=0.2)
 
 
 def signals_of(record: Record, rig: Rig) -> list[CheckedSignal]:

@@ -1,9 +1,9 @@
 """Hysteresis: an output that answers otherwise on the way up than on the way down, as a valve that sticks makes it.
 
-Integrals of the inputs, first-order lags of them, of their squares and cubes, the decay of where the record begins, and
-curves of the whole explain what they can of an output, and the same beside a play operator what they can then. A play
-of width w follows its input only where that leaves the last value by more than w / 2 (Krasnosel'skii & Pokrovskii 1989,
-Systems with Hysteresis).
+Integrals of the inputs, once and twice, first-order lags of them, of their squares and cubes, the decay of where the
+record begins, and curves of the whole explain what they can of an output, and the same beside a play operator what they
+can then. A play of width w follows its input only where that leaves the last value by more than w / 2 (Krasnosel'skii &
+Pokrovskii 1989, Systems with Hysteresis).
 """
 
 from __future__ import annotations
@@ -46,9 +46,11 @@ def hysteresis_of(inputs: Sequence[Array], output: Array) -> Hysteresis | None:
     few samples would be explained by anything.
     """
     every = -(-len(output) // MOST)
-    us, y = [values[::every] for values in inputs if np.ptp(values) > 0.0], output[::every] - output.mean()
+    us, y = [_means(values, every) for values in inputs if np.ptp(values) > 0.0], _means(output, every)
+    y = y - y.mean()
     moving = [k for k, values in enumerate(inputs) if np.ptp(values) > 0.0]
-    slow = [np.arange(len(y)), *(np.cumsum(_scaled(u)) for u in us)]
+    once = [np.cumsum(_scaled(u)) for u in us]
+    slow = [np.arange(len(y)), *once, *map(np.cumsum, once)]
     banks = [_bank(_scaled(u) ** power) for u in us for power in (1, 2, 3)]
     decays = _keeps(len(y)) ** np.arange(len(y))[:, None]  # a play, too, begins otherwise than it goes on
     columns = np.column_stack([np.ones(len(y)), *slow, decays, *banks])
@@ -66,6 +68,11 @@ def hysteresis_of(inputs: Sequence[Array], output: Array) -> Hysteresis | None:
     best = min(found, key=lambda item: item.left)
     rest = float(alone @ alone) / whole
     return best if rest > LEAST and best.left < min(GAIN * rest, LEFT) else None
+
+
+def _means(values: Array, every: int) -> Array:
+    """Means of so many samples: of single ones, a noise that a feedback brings into an input would be another one."""
+    return np.asarray(values[: len(values) // every * every].reshape(-1, every).mean(axis=1))
 
 
 def _scaled(values: Array) -> Array:

@@ -50,12 +50,13 @@ EXCHANGED = 0.25
 """Squared errors of two outputs that are left once they are exchanged, from which they are swapped."""
 
 
-def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -> Iterator[RecordFinding]:
-    """Sign, delay and its change, scale, swapped channels, frozen sensors, and outputs that no input moves."""
-    expected = expected_outputs(record, rig)
+def response_findings(
+    record: Record, rig: Rig, signals: Sequence[CheckedSignal], expected: Array
+) -> Iterator[RecordFinding]:
+    """Sign, delay and its change, scale, swapped channels, frozen sensors, and outputs that no input moves. expected:
+    by the rig's physics, (samples, outputs).
+    """
     inputs, outputs = ([item for item in signals if item.is_input is kind] for kind in (True, False))
-    if expected is None:
-        return
     period, guessed = record.sampling_time, is_guessed(rig)
     if len(outputs) > 1 and (swap := _swapped(outputs, expected)):
         yield swap
@@ -75,6 +76,9 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
         if any(item.kind != "jump" for item in parts):
             continue
         found = best_alignment(signal.values, expected[:, k], ~signal.spoilt, apart, longest)
+        if found.correlation < CERTAIN and _is_turned(record, rig, k, expected[:, k]):
+            yield _sign(signal, found)
+            continue
         judged = list(_judged(record, signal, found, expected[:, k], apart, longest, rig))
         if found.correlation > CLEAR and not signal.explained and not rig.system.contacts:  # friction turns round alike
             delays = (rig.system.input_delays / period).tolist()
@@ -82,21 +86,6 @@ def response_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]
             if play := _hysteresis(inputs, delays, signal, expected[:, k], found.lag, less):
                 judged = [item for item in judged if item.kind != "delay"] + [play]  # which a play looks like
         yield from (item for item in judged if not parts or item.kind == "no relation")
-
-
-def input_acts_as_held(record: Record, rig: Rig, every: int) -> bool | None:
-    """Whether an output answers a held input at its times; None where the rig's physics can't tell.
-
-    A recorder that holds makes an input late, by half of the time that it holds it: all outputs answer earlier.
-    """
-    expected, acts = expected_outputs(record, rig), None
-    for k, measured in enumerate(record.output.T if expected is not None else ()):
-        assert expected is not None
-        apart = time_of_change(expected[:, k])
-        found = best_alignment(measured, expected[:, k], np.ones(record.samples, dtype=bool), apart, 8 * apart + every)
-        if found.correlation > CLEAR:
-            acts = acts or found.lag > -max(0.25 * every, 1.0)
-    return acts
 
 
 def _coherence(record: Record, output: Array) -> float:
@@ -162,13 +151,28 @@ def _judged(
     if follows < (CERTAIN if guessed else CLEAR):
         return
     if found.correlation < 0.0:
-        yield RecordFinding(
-            kind="sign", cost=0.97,
-            words=f"{signal.name} goes the other way than the inputs drive it (correlation {found.correlation:.2f})",
-            cure="turn the sensor or the input round: sign: -1 in import.yaml, or a negative scale in --signals",
-        )  # fmt: skip
+        yield _sign(signal, found)
         return
     yield from _differences(signal, found, expected, apart, rig)
+
+
+def _sign(signal: CheckedSignal, found: Alignment) -> RecordFinding:
+    return RecordFinding(
+        kind="sign", cost=0.97,
+        words=f"{signal.name} goes the other way than the inputs drive it (correlation {found.correlation:.2f})",
+        cure="turn the sensor or the input round: sign: -1 in import.yaml, or a negative scale in --signals",
+    )  # fmt: skip
+
+
+def _is_turned(record: Record, rig: Rig, k: int, expected: Array) -> bool:
+    """Whether an output that is turned round follows the physics far better: where these integrate, a first rate of
+    the wrong sign alone makes another motion of it.
+    """
+    output = record.output.copy()
+    output[:, k] *= -1.0
+    turned = expected_outputs(replace(record, output=output), rig)
+    before, after = record.output[:, k] - expected, None if turned is None else output[:, k] - turned[:, k]
+    return after is not None and float(np.var(after)) < LEFT * float(np.var(before))
 
 
 def _differences(

@@ -86,3 +86,29 @@ def test_sensors_of_a_chain_are_swapped_and_not_late(call, tmp_path, monkeypatch
     assert not any(item.name.endswith("_lagging") for item in rig.system.states)  # nothing answers at once
     swapped = findings_of(replace(r, output=r.output[:, [0, 3, 2, 1, 4]]), rig)
     assert [item.kind for item in swapped] == ["swapped channels"]
+
+
+def test_a_turned_angle_is_seen_where_a_loop_holds_what_integrates_and_its_noise_is_no_play(
+    call, tmp_path, monkeypatch
+):
+    """A roll axis under a feedback, whose noisy commands are all that the record has of it."""
+    monkeypatch.chdir(tmp_path)
+    random, state, rows = np.random.default_rng(7), np.zeros(3), []
+    for k, wanted in enumerate(np.repeat(random.uniform(-0.4, 0.4, 16), 300)):
+        angle, rate = state[:2] + [0.001, 0.01] * random.normal(size=2)
+        torque = np.clip(1.5 * (wanted - angle) - 0.3 * rate, -0.8, 0.8)
+        rows.append([0.005 * k, torque, angle, rate])
+        for _ in range(5):
+            state = state + 0.001 * np.array(
+                [state[1], (state[2] - 0.004 * state[1]) / 0.012, (torque - state[2]) / 0.03]
+            )
+    np.savetxt("axis.csv", rows, delimiter=",", header="time,torque_Nm,roll_rad,rate_rad_s", comments="")
+    program = partial(call, app.main, "hybrid-sysid")
+    assert program("rig", "from", "axis.csv", "./held_axis")[0] == 0
+    assert program("import", "axis.csv", "--rig", "./held_axis")[0] == 0
+    rig = hs.load_rig("./held_axis")
+    r = hs.read_bag("bags/axis", rig)
+    assert findings_of(r, rig) == []
+    turned = findings_of(replace(r, output=r.output * [-1.0, 1.0]), rig)
+    assert [item.kind for item in turned] == ["sign"]
+    assert turned[0].words.startswith("roll")

@@ -15,10 +15,11 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import joint_states, write_bag
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.importing.tests.test_rig_from import written
+from hybrid_sysid_ros.extensions.record_check.applied_input import acts_as_held
 from hybrid_sysid_ros.extensions.record_check.changes import changes_of
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
+from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of, played
-from hybrid_sysid_ros.extensions.record_check.response import input_acts_as_held
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal
 from hybrid_sysid_ros.extensions.record_check.tests.records import RIG, ROOT, STEPS, driven_lag, record
 from tests.command_line import refused
@@ -154,8 +155,23 @@ def test_a_held_input_that_one_output_answers_in_time_is_no_fault():
     r = bags.read(ROOT / "bags" / "flexible_joint_random_steps", rig.signals)
     early = np.column_stack([np.roll(r.output[:, 0], -8), r.output[:, 1]])
     every = round(1.0 / r.sampling_time / 10)
-    assert input_acts_as_held(r, rig, every) is input_acts_as_held(replace(r, output=early), rig, every) is True
-    assert input_acts_as_held(replace(r, output=np.roll(r.output, -8, axis=0)), rig, 20) is False
+    expected = expected_outputs(r, rig)
+    assert expected is not None
+    assert acts_as_held(r, expected, every) is acts_as_held(replace(r, output=early), expected, every) is True
+    assert acts_as_held(replace(r, output=np.roll(r.output, -8, axis=0)), expected, 20) is False
+
+
+def test_levels_that_are_cut_off_were_applied_beyond_or_not_by_what_the_outputs_do():
+    rig = hs.load_rig("flexible_joint")
+    r = bags.read(ROOT / "bags" / "flexible_joint_random_steps", rig.signals)
+    cut = replace(r, input=np.clip(r.input, 0.6 * r.input.min(), 0.6 * r.input.max()))
+    found = findings_of(cut, rig)
+    assert [item.kind for item in found] == ["clipped"]
+    assert "torque stands at exactly" in found[0].words
+    applied = expected_outputs(cut, rig)
+    assert applied is not None
+    noise = 0.003 * np.std(applied, axis=0) * np.random.default_rng(3).normal(size=applied.shape)
+    assert findings_of(replace(cut, output=applied + noise), rig) == []
 
 
 def test_an_input_that_rests_while_another_one_moves_blocks_no_fit():
