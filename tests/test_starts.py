@@ -1,5 +1,6 @@
 """Starts of records: the state at which a simulation begins, against closed forms."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -161,6 +162,16 @@ def test_wrong_units_and_signs_are_told_from_good_runs(spoil, kind):
     quality = run_quality(Tanks(), prepare(replace(record, output=spoil * record.output), Tanks(), SAMPLING))
     assert quality.kind == kind
     assert quality.judged
+
+
+@pytest.mark.parametrize("offset", [0.4, -0.4, 0.001])
+def test_a_zero_that_was_set_anew_is_told_from_a_poor_model(offset):
+    record = recorded(Tanks(), (0.0, 0.5), samples=4001, noise=1e-3)
+    quality = run_quality(Tanks(), prepare(replace(record, output=record.output + offset), Tanks(), SAMPLING))
+    assert quality.kind == ("offset" if abs(offset) > 0.1 else "")
+    if quality.kind:
+        way = "above" if offset > 0.0 else "below"
+        assert re.search(rf"lower is 0.(39|40)\d* m {way} the run throughout: was its zero set anew", quality.sentence)
 
 
 def test_a_system_that_integrates_is_not_told_to_be_in_other_units():

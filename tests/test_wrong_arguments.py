@@ -281,11 +281,19 @@ def test_a_wrong_argument_is_reported_in_one_line(
     assert len(line) < 500
 
 
-def test_a_spike_is_warned_of() -> None:
-    wave = 0.1 * WAVE
-    wave[200] = -0.15
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"outputs": np.where(np.arange(400) == 200, -0.15, 0.1 * WAVE)}, "spike"),
+        (
+            {"time": 1e3 * TIME},
+            "samples are 5 s apart, 5e+03 times the step of cam_beam, 0.001 s: are its times in ms?",
+        ),
+    ],
+)
+def test_doubtful_values_are_warned_of(changes: dict[str, Any], words: str) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        made(outputs=wave)
-    assert "spike" in str(caught[0].message)
+        made(**changes)
+    assert words in str(caught[0].message)
     assert caught[0].filename == __file__

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.models import Model
-from hybrid_sysid_ros.models.plausibility import check_limits, check_travel, spikes, strangeness
+from hybrid_sysid_ros.models.plausibility import check_limits, check_travel, slowness, spikes, strangeness
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.units import factor_of
 from hybrid_sysid_ros.support.arrays import Array
@@ -80,7 +80,7 @@ def checked_bag(
     record = replace(bags.read(path, found, period=period or None, recover=recover), rig=rig.name)
     check_limits(record, rig, found)
     strange = [] if model is None else strangeness(record, model, rig, found)
-    for line in (*spikes(record, rig, found), *strange):
+    for line in (*slowness(record, rig), *spikes(record, rig, found), *strange):
         doubtful(line)
     return record
 
@@ -131,7 +131,7 @@ def record(
     if described is not None:
         check_limits(found, described)
         check_travel(found, described)
-        for line in spikes(found, described):
+        for line in (*slowness(found, described), *spikes(found, described)):
             _warn(line)
     return found
 

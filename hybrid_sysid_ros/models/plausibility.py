@@ -29,6 +29,10 @@ FARTHER = 5.0
 """Ratio to the training range above which the unit is doubted: rpm for rad/s give 9.5, degrees for radians 57."""
 
 
+SLOWER = 300.0
+"""Times of a record in the rig's step, from which its unit of time is doubted: ms that are taken for s make 1000."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordChannel:
     """An input or output of a record, and its origin."""
@@ -94,6 +98,18 @@ def spikes(record: Record, rig: Rig, signals: Signals | None = None) -> list[str
                 "sensor, or leave those parts out (--part)"
             )
     return found
+
+
+def slowness(record: Record, rig: Rig) -> list[str]:
+    """A line on a record that is sampled far more slowly than the rig is simulated."""
+    times = record.sampling_time / rig.step
+    if times < SLOWER:
+        return []
+    unit = "ms" if times < 1e3 * SLOWER else "us"
+    return [
+        f"record {record.name}: samples are {record.sampling_time:.4g} s apart, {times:.3g} times the step of "
+        f"{rig.name}, {rig.step:g} s: are its times in {unit}? they are taken for s; else correct step in {rig.file}"
+    ]
 
 
 def strangeness(record: Record, model: Model, rig: Rig, signals: Signals) -> list[str]:

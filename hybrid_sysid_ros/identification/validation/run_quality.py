@@ -13,7 +13,7 @@ from hybrid_sysid_ros.identification.shooting import fastest_growth
 from hybrid_sysid_ros.identification.starts import start_of
 from hybrid_sysid_ros.support.arrays import Array
 
-Kind = Literal["", "integrates", "unstable", "sign", "unit", "unexplained"]
+Kind = Literal["", "integrates", "unstable", "sign", "unit", "offset", "unexplained"]
 OFFSET = 1e-3
 """Error of an input that nobody can exclude, in the input's range over the record."""
 UNTOLD = 0.5
@@ -24,6 +24,8 @@ POOR, ALIKE, NEAR = 0.5, 0.8, 1.25
 """R2 below which a run is poor, squared correlation above which a factor explains it, and factors that explain
 nothing.
 """
+THROUGHOUT, LARGE = 2.0, 0.05
+"""Offset of an output in the deviation of its error in each half, and in its own deviation, from which it is one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +47,7 @@ GOOD = RunQuality(kind="", sentence="")
 
 def run_quality(system: System, experiment: PreparedRecord) -> RunQuality:
     """The quality of a free run: what its start and a small error of its inputs leave open, and whether a factor of an
-    output explains what is wrong with it.
+    output, or an offset, explains what is wrong with it.
     """
     spread, run = _open(system, experiment)
     deviation = np.std(experiment.outputs, axis=0)
@@ -89,6 +91,14 @@ def _open(system: System, experiment: PreparedRecord) -> tuple[Array, Array]:
         return np.minimum(np.nan_to_num(np.sqrt(squares), nan=1e9), 1e9) * np.ones_like(found[0]), found[0]
 
 
+def _offset(error: Array, deviation: float) -> float:
+    """The mean error (samples,) where it is the same in both halves of what follows the start, and large; else 0."""
+    whole = error[len(error) // 4 :]  # the start was bent to fit
+    means, spread = [float(part.mean()) for part in np.array_split(whole, 2)], float(np.std(whole))
+    least = max(THROUGHOUT * spread, LARGE * deviation)
+    return float(whole.mean()) if min(means) > least or max(means) < -least else 0.0
+
+
 def _explained(system: System, experiment: PreparedRecord, run: Array) -> RunQuality:
     """What a factor of an output explains of a poor run."""
     scored, name = experiment.scored, experiment.name
@@ -96,6 +106,13 @@ def _explained(system: System, experiment: PreparedRecord, run: Array) -> RunQua
         measured, simulated = whole, ran
         if not np.isfinite(simulated).all():
             return RunQuality(kind="unexplained", sentence=f"{name}: the free run of {item.name} diverges")
+        if offset := _offset(measured - simulated, float(np.std(measured))):
+            way = "above" if offset > 0.0 else "below"
+            return RunQuality(
+                kind="offset",
+                sentence=f"{name}: {item.name} is {abs(offset):.3g} {item.unit} {way} the run throughout: was its zero "
+                "set anew, or does an unseen load or an input's offset push it (guesses)?",
+            )
         left, total = np.sum((measured - simulated) ** 2), np.sum((measured - measured.mean()) ** 2)
         if left < (1.0 - POOR) * total:
             continue
