@@ -109,6 +109,16 @@ def test_an_array_that_a_function_encloses_is_a_constant_in_c():
     assert "x[rig_constant_0[k]]" in text
 
 
+def test_the_rest_of_a_row_is_a_part_of_its_array():
+    def kernel(x, k):
+        row = x[k, 1:]
+        return row[2] * row.shape[0]
+
+    _, text = translated(kernel, [ArrayView(REAL, (2, 5), "", Origin("x")), NumberValue(INT, "k")])
+    assert "row = x + k * 5 + 1;" in text
+    assert "row[2] * 4" in text
+
+
 def test_what_can_t_be_translated_is_named():
     def kernel(x):
         return {item: item for item in x}

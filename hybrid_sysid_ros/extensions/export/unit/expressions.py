@@ -143,6 +143,8 @@ class Expressions(Operations):
         """An element, a row or a slice of a value."""
         if isinstance(index, ast.Slice):
             return self._slice(of, index)
+        if isinstance(index, ast.Tuple) and isinstance(last := index.elts[-1], ast.Slice):
+            return self._slice(self.element(of, ast.Tuple(index.elts[:-1], ast.Load())), last)
         given = [self.value(part) for part in (index.elts if isinstance(index, ast.Tuple) else [index])]
         match of:
             case KnownValue(value=value) if all(isinstance(item, KnownValue) for item in given):
