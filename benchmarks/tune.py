@@ -21,7 +21,7 @@ from hybrid_sysid_ros.runtime.configuration import shipped
 
 NAME = "tune"
 RIGS, AIM, ASKED = ("cam_beam", "wheel_motor", "flexible_joint"), "settling", 0.1
-TRIALS, LOOPS, HORIZONS = 60, 24, 5.0
+TRIALS, LOOPS, HORIZONS = 120, 24, 5.0
 STUDY = Path(__file__).parents[1] / "out" / "benchmark_tune.db"
 
 

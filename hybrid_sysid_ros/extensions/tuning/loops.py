@@ -34,6 +34,8 @@ LEAST, MOST = 0.01, 100.0
 HORIZON = "controller.horizon"
 TUNING, UNSEEN = 7_401, 7_402
 """First numbers of the seeds of loops, which training, certificates and tests don't have: theirs have none before."""
+MORE_UNSEEN = 8
+"""Unseen loops for each one of a trial."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,9 +89,12 @@ class Loops:
         return found
 
     def measures(self, options: Options, *, unseen: bool = False) -> tuple[Measures, Array]:
-        """What all loops say, and settling and effort of each, (loops, 2). unseen: of other ones, never tuned on."""
+        """What all loops say, and settling and effort of each, (loops, 2). unseen: of others, never tuned on, and more
+        of them, since a gain is a small difference.
+        """
         values = {node: {**self._shipped[node], **more} for node, more in self.values(options).items()}
-        rows = np.array([self._loop(values, number, unseen) for number in range(self.count)])
+        numbers = range(self.count * (MORE_UNSEEN if unseen else 1))
+        rows = np.array([self._loop(values, number, unseen) for number in numbers])
         settling, effort, inside = rows.mean(axis=0).tolist()
         return Measures(settling=settling, effort=effort, inside=inside), rows[:, :2]
 
