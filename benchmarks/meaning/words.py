@@ -25,6 +25,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Move,
     Repeat,
     Sentence,
+    Staircase,
     Swing,
     Undo,
     Wait,
@@ -126,7 +127,7 @@ def told(sentence: Sentence, words: Vocabulary) -> list[str]:
 
 def name(output: int, words: Vocabulary, mark: str = " ") -> str:
     """Of an output where there are several."""
-    return f"{words.outputs[output].name}{mark}" if len(words.tracked) > 1 else ""
+    return f"{words.outputs[output].name}{mark}" if len(words.tracked) > 1 or output not in words.tracked else ""
 
 
 def written(command: Command, words: Vocabulary) -> list[str]:
@@ -139,10 +140,13 @@ def written(command: Command, words: Vocabulary) -> list[str]:
     if isinstance(command, Follow):
         return [f"follow {command.name}"]
     if isinstance(command, Undo):
-        return ["undo"]
+        return ["undo" if command.seconds is None else f"undo in {command.seconds:.6g}"]
+    if isinstance(command, Staircase):
+        return [stepped(command, words)]
     if isinstance(command, Repeat):
         times = str(command.times) if command.times > 1 else ""
-        return [" ".join(filter(None, ["repeat", times, command.pace]))]
+        long = f"for {command.seconds:.6g}" if command.seconds is not None else ""
+        return [" ".join(filter(None, ["repeat", times, command.pace, long]))]
     if isinstance(command, Adjust):
         sign = {"to": "", "by": "+" if command.value >= 0.0 else "", "times": "x"}[command.how]
         noun = {"amplitude": "amp ", "frequency": "freq ", "speed": ""}[command.noun]
@@ -155,6 +159,16 @@ def written(command: Command, words: Vocabulary) -> list[str]:
         return [f"{ends} {command.seconds:.6g}"]
     assert isinstance(command, Move)
     return moved(command, words)
+
+
+def stepped(command: Staircase, words: Vocabulary) -> str:
+    """A staircase: from where, to where, how many steps or how high, and how long each."""
+    said = ["stairs", name(command.output, words)]
+    said += [f"from {command.begin:.6g}"] if command.begin is not None else []
+    said += [f"{'by' if command.relative else 'to'} {command.end:.6g}"] if command.end is not None else []
+    said += [f"rise {(command.toward or 1.0) * command.rise:.6g}"] if command.rise is not None else []
+    said += [f"steps {command.count}"] if command.count else []
+    return " ".join(filter(None, [*said, f"each {command.seconds:.6g}"]))
 
 
 def moved(command: Move, words: Vocabulary) -> list[str]:

@@ -83,6 +83,14 @@ class Clause:
     condition: Awaited | None = None
     each: Quantity | None = None
     """How long each of the parts up to here lasts."""
+    increment: Quantity | None = None
+    """Of a staircase."""
+    count_of_steps: int = 0
+    """That lead to the end of a staircase; 0 where nobody says how many."""
+    whole_range: str = ""
+    """That a swing is over all of it."""
+    together: str = ""
+    """That several outputs go at once."""
     sense: Symbol | None = None
     """"forwards" or "backwards"."""
     full_speed: str = ""
@@ -101,5 +109,5 @@ class Clause:
         return not (
             self.verbs or self.quantities or self.shares or self.paces or self.directions or self.comparatives
             or self.targets or self.names or self.delay or self.condition or self.here or self.nouns or self.each
-            or self.sense or self.full_speed
+            or self.sense or self.full_speed or self.increment or self.count_of_steps
         )  # fmt: skip

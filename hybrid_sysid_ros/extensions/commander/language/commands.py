@@ -28,6 +28,8 @@ class Repeat(Command):
     pace: str = ""
     """That their moves take, where one is said."""
     times: int = 1
+    seconds: float | None = None
+    """For how long, of a swing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +37,7 @@ class Undo(Command):
     """Back to where the outputs were asked to be before the last commands, or before those of the same sentence."""
 
     pace: str = ""
+    seconds: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +59,8 @@ class Goal:
     """Whether the value is a factor of that."""
     toward: float = 0.0
     """The direction that was said, 1 or -1, 0 where none was."""
+    turned: bool = False
+    """Whether the value is backwards, or around from what it is now: one thing unless that is backwards, too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +81,27 @@ class Move(Command):
     hold: float = 0.0
     picture: str = ""
     """That shows the goal; "" where it was described."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Staircase(Command):
+    """An output steps from level to level, and stays as long at each. ``end`` or ``count`` is given, and ``rise`` or
+    both.
+    """
+
+    output: int
+    seconds: float
+    """At each level."""
+    begin: float | None = None
+    """The first level; where it is by default, which is then left at once."""
+    end: float | None = None
+    relative: bool = False
+    """Whether the end is a change."""
+    rise: float | None = None
+    """Of a step, > 0."""
+    count: int = 0
+    toward: float = 0.0
+    """The direction that was said, 1 or -1, 0 where none was."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -81,7 +81,7 @@ class Draft:
             k = int(np.flatnonzero(self.origins[0] != self.origins[-1])[0])
             first, last = (with_unit(origin[k], self.outputs[k]) for origin in (self.origins[0], self.origins[-1]))
             raise UserError(f"back to {first} or to {last} of {self.outputs[k].name}? say 'go to' one of them")
-        self.move(back_to(self.origins[0], self.vocabulary, command.pace))
+        self.move(back_to(self.origins[0], self.vocabulary, command))
 
     def move(self, command: Move) -> None:
         first = command.goals[0]
@@ -130,6 +130,9 @@ class Draft:
         value = goal.value * here if goal.share else goal.value + (here if goal.relative else 0.0)
         of_speed = self.vocabulary.units_of(goal.output)[1].per > 0
         from_rest = of_speed and output.name not in self.vocabulary.rig.system.operating_point
+        if goal.turned and here < 0.0:
+            either = f"'go to {with_unit(value, output)}' or 'go to {with_unit(-value, output)}'"
+            raise UserError(f"{output.name} is {with_unit(here, output)}: backwards, or around from that? say {either}")
         if goal.share and of_speed and not from_rest:
             raise UserError(
                 f"{output.name} is counted from the rig's operating point: {with_unit(here, output)} is no speed to "
@@ -203,15 +206,16 @@ class Draft:
             raise UserError(
                 f"{output.name} of {with_unit(value, output)}{self.as_it_travels([value], k)} is out of reach: stay "
                 f"within {output.low:.4g} and {output.high:.4g} {output.unit}"
-                f"{self.as_it_travels([output.low, output.high], k)}{counted}"
+                f"{self.as_it_travels([output.low, output.high], k)}{counted}; the nearest is "
+                f"{with_unit(min(max(value, output.low), output.high), output)}"
             )
 
 
-def back_to(origin: Array, vocabulary: Vocabulary, pace: str) -> Move:
-    """A move of all outputs that commands steer to places (outputs,), as they are shown."""
+def back_to(origin: Array, vocabulary: Vocabulary, command: Undo) -> Move:
+    """A move of all outputs that commands steer to places (outputs,), as they are shown, as a command says."""
     moved = [k for k in vocabulary.tracked if vocabulary.outputs[k].moves]
     goals = tuple(Goal(output=k, value=float(origin[k])) for k in moved)
-    return Move(goals=goals, shape="smooth", pace=pace)
+    return Move(goals=goals, shape="smooth", pace=command.pace, seconds=command.seconds)
 
 
 def with_unit(value: float, output: SetPointRange) -> str:

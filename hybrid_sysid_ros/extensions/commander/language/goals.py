@@ -15,6 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 BIT = 0.05
 """Of half the set-points' range, by which "up a bit" changes them."""
 
+OF = re.compile(r"(?:of|de)\s", re.IGNORECASE)
 BEFORE = re.compile(r"^(?:(?:of|de|em|plus|mais)\s+|\+)+", re.IGNORECASE)
 """What may stand before a value, but not behind "to"."""
 
@@ -33,6 +34,8 @@ class Goals(Values):
             if item.base in (TIME, FREQUENCY, COUNT) or item.kind in ("amplitude", "frequency", "period"):
                 continue
             self.left.remove(item)
+            if self.verb == "step" and item.role == "" and OF.match(item.text):  # "a step of 1 m"
+                item = replace(item, role="by")
             if sign and item.role == "" and found and not together:  # "raise height 100 m speed 10 m/s"
                 raise UserError(f"{item.text!r}: to that value, or by it, too? say 'then' and 'to' or 'by' before it")
             item = replace(item, role=item.role or "to") if together else item
@@ -54,6 +57,8 @@ class Goals(Values):
             raise UserError(f"{said[0].text!r} by how much? say '{way} a bit', or '{way} by 1 {self.example}'")
         if not found:
             raise UserError(f"{self.verb} to where? say for example '{self.verb} to 1 {self.example}'")
+        if len(found) > 1:
+            self.clause.together = ""
         if self.clause.bit and found:
             raise UserError(f"{self.clause.bit!r} and a value contradict one another: leave one out")
         if len({goal.output for goal in found}) < len(found):
@@ -69,8 +74,10 @@ class Goals(Values):
 
     def refuse_turning(self, found: list[Goal]) -> None:
         """Raise UserError for "reverse at 100 rpm"; a sign leaves no doubt."""
-        turning = [share for share in self.clause.shares if share.factor < 0.0]
-        if turning and found and found[0].value >= 0.0:
+        turning = [share for share in self.clause.shares if share.factor < 0.0 and not share.of]
+        if turning and len(found) == 1 and self.turns(found[0]):
+            found[0] = replace(found[0], value=-found[0].value, turned=True)
+        elif turning and found and found[0].value >= 0.0:
             shown = self.vocabulary.outputs[found[0].output]
             raise UserError(
                 f"{turning[0].text!r} at {found[0].value:.4g} {shown.unit}: backwards, or around from what it is now? "
@@ -78,6 +85,12 @@ class Goals(Values):
             )
         if found:
             self.clause.shares = [share for share in self.clause.shares if share not in turning]
+
+    def turns(self, goal: Goal) -> bool:
+        """Whether a goal is a speed, of which backwards means its other sense."""
+        from_rest = self.vocabulary.outputs[goal.output].name not in self.vocabulary.rig.system.operating_point
+        speed = goal.output in self.vocabulary.of_kind("speed")
+        return speed and from_rest and goal.value > 0.0 and not goal.relative and not goal.toward
 
     def goal(self, item: Quantity, sign: float) -> Goal:
         output = self.output(item)
@@ -146,7 +159,11 @@ class Goals(Values):
                     found.append(Goal(output=output, value=change, relative=True))
                     continue
             elif share.of == "range":
-                found.append(Goal(output=output, value=factor * shown.high, toward=sign))
+                if factor < 0.0 and output in self.vocabulary.of_kind("speed"):
+                    lowest = f"{shown.low:.4g} {shown.unit}"
+                    raise UserError(f"{share.text!r}: backwards, or at rest? say 'go to {lowest}' or 'go to 0'")
+                value = factor * shown.high if factor >= 0.0 else -factor * shown.low
+                found.append(Goal(output=output, value=value, toward=sign))
                 continue
             elif not share.of and not halving:
                 if factor > 1.0:

@@ -7,7 +7,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
-from hybrid_sysid_ros.extensions.commander.language.commands import Command, Condition, Move, Repeat, Sentence, Wait
+from hybrid_sysid_ros.extensions.commander.language.commands import (
+    Command,
+    Condition,
+    Follow,
+    Move,
+    Repeat,
+    Sentence,
+    Undo,
+    Wait,
+)
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.matcher import clauses
@@ -17,7 +26,7 @@ from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, fold
 from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
 from hybrid_sysid_ros.extensions.commander.language.values import Values
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import TIME
+from hybrid_sysid_ros.rigs.units import COUNT, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 SWUNG = ("amplitude", "peak_to_peak", "frequency", "period")
@@ -92,6 +101,11 @@ def _stage(
     """
     commands: list[Command] = []
     for k, clause in enumerate(found):
+        if rounds := _rounds(clause, vocabulary, files) if commands or (not k and len(found) > 1) else 0:
+            if not commands:
+                return _all_again(_stage(text, found[1:], vocabulary, files), rounds)
+            commands *= rounds
+            continue
         if not clause.verbs and any(_is_bare(item, clause, vocabulary, first=not k) for item in clause.quantities):
             clause.verbs += _carried(commands, found[:k])
         verbs = [symbol.value for symbol in clause.verbs]
@@ -131,13 +145,47 @@ def _stage(
             if k < len(found) - 1:
                 raise UserError("'stop' works at once: let it stand alone, or at the end")
             return Sentence(text=text, commands=tuple(commands), stops=True)
-        if not (clause.delay is not None and _alone(clause) and not verbs):
+        lasting = clause.each is not None and _alone(clause) and verbs in (["hold"], ["wait"])  # "stay 5 s at each"
+        if not ((clause.delay is not None and _alone(clause) and not verbs) or lasting):
             behind = _acts(commands) or (reached and verbs == ["hold"])
             meaning = Meaning(clause, vocabulary, files, behind=behind)
-            commands += [meaning.command()] * meaning.times
+            commands = _repeated(commands, meaning.command(), meaning.times)
         if clause.each is not None:
             commands = _held(commands, clause.each, Values(clause, vocabulary).time(clause.each))
     return Sentence(text=text, commands=tuple(commands))
+
+
+def _rounds(clause: Clause, vocabulary: Vocabulary, files: Files) -> int:
+    """How often the other parts are carried out, where a part says no more than that; 0 for any other."""
+    twice = [share for share in clause.shares if not share.role and not share.of and share.factor > 1.0]
+    counted = [*twice, *(item for item in clause.quantities if item.base == COUNT)]
+    said = [*clause.quantities, *clause.shares]
+    if len(counted) != 1 or said != counted or {symbol.value for symbol in clause.verbs} - {"repeat"}:
+        return 0
+    whole = replace(clause, verbs=[Symbol("V", "repeat", "repeat")])
+    made = Meaning(whole, vocabulary, files).command()
+    return made.times if isinstance(made, Repeat) else 0
+
+
+def _all_again(sentence: Sentence, rounds: int) -> Sentence:
+    """So many rounds of a sentence. Raises UserError for one that waits or stops."""
+    if sentence.later is not None or sentence.stops:
+        raise UserError(f"{rounds} times what waits or stops? say the parts without it")
+    return replace(sentence, commands=sentence.commands * rounds)
+
+
+def _repeated(before: list[Command], made: Command, times: int) -> list[Command]:
+    """Commands and another one so many times, or all of them where that one alone would come to nothing new; "and back"
+    goes with the part before. Raises UserError where it is unclear what is done again.
+    """
+    alone = isinstance(made, Follow) or (isinstance(made, Move) and all(goal.relative for goal in made.goals))
+    if times == 1 or (alone and (not before or isinstance(made, Follow))):
+        return [*before, *[made] * times]
+    if alone or not before:
+        raise UserError(f"{times} times of what? say all parts, and then 'repeat {times} times'")
+    if isinstance(made, Undo):
+        return [*before[:-1], *[before[-1], made] * times]
+    return [*before, made] * times
 
 
 def _is_bare(item: Quantity, clause: Clause, vocabulary: Vocabulary, *, first: bool) -> bool:
@@ -146,7 +194,11 @@ def _is_bare(item: Quantity, clause: Clause, vocabulary: Vocabulary, *, first: b
         return False
     own = (unit for k in vocabulary.tracked for unit in vocabulary.units_of(k))
     measures = item.unit is not None and any(map(item.unit.alike, own))
-    measures = measures or (item.value == 0.0 and item.output is not None)  # "zero speed"
+    only = len([k for k in vocabulary.tracked if vocabulary.outputs[k].moves]) == 1
+    measures = measures or (
+        item.value == 0.0 and item.unit is None and (item.output is not None or only)
+    )  # "zero speed"
+    measures = measures or (item.base == PERCENT and item.kind == "speed" and only)
     return not first or (measures and (item.role == "" or clause.addressed or clause.sense is not None))
 
 

@@ -91,7 +91,9 @@ class Interpreter:
         if isinstance(command, commands.Adjust):
             return tuple(self._adjusted(command, last.commands))
         if isinstance(command, commands.Undo):
-            return (back_to(last.origin, self.vocabulary, command.pace),)
+            return (back_to(last.origin, self.vocabulary, command),)
+        if command.seconds is not None:
+            return (self._prolonged(last.commands, command.seconds),)
         if not command.pace:
             return last.commands * command.times
         return tuple(
@@ -113,6 +115,13 @@ class Interpreter:
             return [replace(swing, frequency=wanted)]
         middle, sign = 0.5 * (swing.low + swing.high), 1.0 if swing.high > swing.low else -1.0
         return [replace(swing, low=middle - sign * wanted, high=middle + sign * wanted)]
+
+    def _prolonged(self, last: Sequence[commands.Command], seconds: float) -> commands.Swing:
+        """The last swing for so long. Raises UserError where there was none."""
+        swings = [one for one in last if isinstance(one, commands.Swing)]
+        if len(swings) != 1 or len(last) > 1:
+            raise UserError("no swing alone was carried out last: say how many times, as in 'repeat 3 times'")
+        return replace(swings[0], seconds=seconds)
 
     def note(self, sentence: commands.Sentence, reference: Array) -> None:
         """Remember what is carried out, and from which references (outputs,)."""
@@ -157,6 +166,9 @@ class Interpreter:
         """That a plan does not lead to the value that a stop waits for; "" where it does."""
         condition = sentence.condition
         assert condition is not None
+        assert condition.output is not None
+        if not self.vocabulary.outputs[condition.output].tracked:
+            return ""
         along = plan.values[:, condition.output] - condition.value
         met = (condition.side * along >= 0.0).any() if condition.side else along.min() <= 0.0 <= along.max()
         return "" if met else ", which the plan does not reach"

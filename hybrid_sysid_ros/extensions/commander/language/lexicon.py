@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -16,14 +17,14 @@ LONGEST_PHRASE = 8
 """Words."""
 VERBS = (
     "go", "hold", "still", "step", "ramp", "swing", "square", "toggle", "triangle", "chirp", "wait", "follow", "look",
-    "repeat", "undo", "home", "halt",
+    "repeat", "undo", "home", "halt", "stairs",
 )  # fmt: skip
 ROLES = {
     "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "over": "I",
     "within": "L", "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J",
     "here": "H", "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X",
-    "highest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d", "as_fast": "g",
-    "no_faster": "t", "all": "l", "back_to": "T",
+    "highest": "x", "lowest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d",
+    "as_fast": "g", "no_faster": "<", "all": "l", "increment": "s", "together": "t", "back_to": "T",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {
@@ -34,6 +35,8 @@ SHARES = {
     "half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "fifth": 0.2, "tenth": 0.1, "two_thirds": 2.0 / 3.0,
     "three_quarters": 0.75, "double": 2.0, "triple": 3.0,
 }  # fmt: skip
+SHORT = re.compile("[^aeiou]+[aeiou][^aeiouwxy]")
+"""A verb whose last letter is doubled before an ending."""
 CONDITION = ("once", "if", "until", "settled", "it_is", "equals", "reaches", "becomes", "above", "below")
 """Parts of a condition, which mean nothing apart."""
 
@@ -73,6 +76,8 @@ class Lexicon:
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))
         self._enter(found, "level", (("n", "position"), ("V", "home")))
         self._enter(found, "back", (("y", "change"), ("V", "back")))
+        for category, sign in {"back_up": 1.0, "back_down": -1.0}.items():
+            self._enter(found, category, (("V", "back"), ("U", sign)))
         for category in ("displace", "change"):
             self._enter(found, category, (("y", category), ("V", "go")))
         for category in ("step", "ramp"):
@@ -88,15 +93,30 @@ class Lexicon:
         self._enter(found, "more", (("+", 1.0),))
         for category, sign in {"faster": 1.0, "slower": -1.0}.items():
             self._enter(found, category, (("M", sign),))
+        for category, sign in {"bigger": 1.0, "smaller": -1.0}.items():
+            self._enter(found, category, (("M", sign), ("a", "amplitude")))
+        for category, end in {"all_up": "highest", "all_down": "lowest"}.items():
+            self._enter(found, category, (("V", "go"), ("T", "to"), ("x", end)))
         for category in ("slowly", "quickly"):
             self._enter(found, category, (("C", category),))
         self._enter(found, "home_place", (("u", "home"),))
         self._enter(found, "then", ((";", "then"),))
+        for words, meaning in list(found.items()):
+            if words and words[0] in self.table.get("inflected", ()) and "V" in {kind for kind, _ in meaning}:
+                for form in self._inflected(words[0]):
+                    found.setdefault((*form, *words[1:]), meaning)
         for reason, phrases in self.table["refuse"].items():
             for phrase in phrases:
                 words = tuple(folded(phrase).split())
                 found[words] = (("!", reason), *(each for each in found.get(words, ()) if each[0] in "VUN"))
         return found
+
+    def _inflected(self, verb: str) -> Sequence[tuple[str, ...]]:
+        """What is said of the rig with a verb: "goes", "going", and "be moved"."""
+        doubled = verb + verb[-1] if SHORT.fullmatch(verb) else verb.removesuffix("e")
+        participle = self.table["participles"].get(verb, f"{doubled}ed")
+        passive = [(*before, "be", participle) for before in ((), ("to",), ("should",))]
+        return [(f"{verb}es" if verb.endswith(("s", "sh", "ch", "o")) else f"{verb}s",), (f"{doubled}ing",), *passive]
 
     def _enter(self, found: dict[tuple[str, ...], Any], category: str, meaning: Any) -> None:
         for phrase in self.table.get(category, ()):
@@ -107,8 +127,19 @@ class Lexicon:
         """Phrases of conditions and of other words that are looked for in their place only."""
         return {
             category: frozenset(tuple(folded(phrase).split()) for phrase in self.table.get(category, ()))
-            for category in (*CONDITION, "articles", "point", "object", "to", "ask", "definite")
+            for category in (*CONDITION, "articles", "point", "object", "to", "ask", "definite", "steps", "applied")
         }
+
+    @cached_property
+    def opening(self) -> re.Pattern[str]:
+        """What somebody begins with who thinks, or takes up what was said before."""
+        said = "|".join(re.escape(words) for words in sorted(self.table["opening"], key=len, reverse=True))
+        return re.compile(rf"^(?:\s*(?:{said})(?!\w)[\s,.]*)+", re.IGNORECASE)
+
+    @cached_property
+    def closing(self) -> re.Pattern[str]:
+        """What says at the end of a single part that it takes the place of what runs, as all commands do."""
+        return re.compile(rf"^([^,;:]*?)\s+(?:{'|'.join(self.table['closing'])})\W*$", re.IGNORECASE)
 
     @cached_property
     def units(self) -> Mapping[tuple[str, ...], str]:
@@ -129,14 +160,14 @@ class Lexicon:
     @cached_property
     def verbs_of_numbers(self) -> frozenset[tuple[str, ...]]:
         """Phrases of a verb that begin with a number."""
-        said = (tuple(folded(phrase).split()) for kind in ("home", "repeat") for phrase in self.table[kind])
+        said = (tuple(folded(phrase).split()) for kind in ("home", "repeat", "bit") for phrase in self.table[kind])
         return frozenset(words for words in said if words[0] in {**self.table["numbers"], **self.table["signs"]})
 
     @cached_property
     def words(self) -> frozenset[str]:
         """All single words that mean something somewhere."""
         phrases = [*self.meanings, *self.units, *(phrase for part in self.parts.values() for phrase in part)]
-        single = {*self.table["numbers"], *self.table["signs"]}
+        single = {*self.table["numbers"], *self.table["signs"], *self.table["parts_of"]}
         return frozenset(word for phrase in phrases for word in phrase) | single
 
     def longest(self, phrases: Any, words: Sequence[str]) -> int:

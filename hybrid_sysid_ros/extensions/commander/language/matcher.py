@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Awaited, Clause, Quantity, Share
+from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.notes import FilledSlot, Notes, is_time
 from hybrid_sysid_ros.extensions.commander.language.parts import sentence_parts
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
 from hybrid_sysid_ros.extensions.commander.language.shared_units import share_units, with_units_of_lists
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit
+from hybrid_sysid_ros.rigs.units import COUNT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
-LITTLE, MORE, MUCH = 0.1, 0.2, 0.5
-"""By which "a bit slower", "slower" and "much slower" change a speed or a frequency."""
+GO = Symbol("V", "go", "go")
 
 
 def clauses(found: Sequence[Symbol], vocabulary: Vocabulary) -> list[Clause]:
     """The clauses of a sentence. Raises UserError for what can't be read, in a line that says what to write instead."""
     made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(with_units_of_lists(found))]
-    made = [clause for clause in made if not clause.empty]
+    made = _with_paces([clause for clause in made if not clause.empty])
     if not made:
         raise UserError("this asks for nothing: say for example 'go to', 'hold', 'swing between', 'home' or 'stop'")
     share_units(made, vocabulary)
@@ -32,40 +30,19 @@ def clauses(found: Sequence[Symbol], vocabulary: Vocabulary) -> list[Clause]:
     return made
 
 
-class _Found(NamedTuple):
-    """What a pattern has found."""
-
-    slot: str
-    part: Sequence[Symbol]
-    letters: str
-    quantities: Sequence[tuple[float, Unit | None]]
-    output: int | None = None
-
-    @property
-    def text(self) -> str:
-        return " ".join(symbol.text for symbol in self.part if symbol.text)
-
-    @property
-    def noun(self) -> str:
-        return next((str(symbol.value) for symbol in self.part if symbol.kind in "Kakfq"), "")
-
-    @property
-    def names(self) -> Sequence[Symbol]:
-        return [symbol for symbol in self.part if symbol.kind in "KO"]
+def _with_paces(found: Sequence[Clause]) -> list[Clause]:
+    """Clauses, each with the pace that stands alone behind it, "50 rpm. Slowly.", without a last "go!"."""
+    made: list[Clause] = []
+    for clause in found:
+        if made and clause == Clause(paces=clause.paces) and clause.paces and not made[-1].paces:
+            made[-1].paces += clause.paces
+        elif not made or [clause.verbs, clause] != [[GO], Clause(verbs=[GO], displacing=clause.displacing)]:
+            made.append(clause)
+    return made
 
 
-class _Matcher:
+class _Matcher(Notes):
     """Fits patterns to the symbols of one clause."""
-
-    def __init__(self, part: Sequence[Symbol], vocabulary: Vocabulary) -> None:
-        first = part[0].value
-        self.part, self.vocabulary = part[first in ("then", "while") :], vocabulary
-        self.made = Clause(then=first == "then", meanwhile=first == "while")
-        self.output: int | None = None
-        """That was named last."""
-        self.waiting = False
-        """Whether it has no value yet."""
-        self.noun = ""
 
     def clause(self) -> Clause:
         letters = "".join(symbol.kind for symbol in self.part)
@@ -98,17 +75,13 @@ class _Matcher:
         where = f"after {before!r}" if before else "at the beginning"
         return f"{symbol.text!r} has no meaning {where}: leave it out, or say for example 'go to 1 {self.example}'"
 
-    @property
-    def example(self) -> str:
-        return self.vocabulary.outputs[self.vocabulary.tracked[0]].unit if self.vocabulary.tracked else ""
-
     def note(self, slot: str, part: Sequence[Symbol], letters: str) -> None:
         """Note what a pattern has found."""
-        found = _Found(slot, part, letters, [symbol.value for symbol in part if symbol.kind == "Q"])
+        found = FilledSlot(slot, part, letters, [symbol.value for symbol in part if symbol.kind == "Q"])
         found = self.resolved(found._replace(output=self.named(found.names, needed=slot not in ("rate", "full_speed"))))
         getattr(self, f"_note_{found.slot}", self._note_value)(found)
 
-    def resolved(self, found: _Found) -> _Found:
+    def resolved(self, found: FilledSlot) -> FilledSlot:
         """With the slot that a Portuguese preposition of several meanings has here."""
         if any(symbol.value == "to_or_at" for symbol in found.part) and self.paces(found.quantities):  # "a 2 Hz"
             self.made.quantities += [self.quantity(said, "", found.text) for said in found.quantities[:-1]]
@@ -124,222 +97,3 @@ class _Matcher:
         if found.slot == "in_or_to":  # "aumente em 2 m"
             return found._replace(slot="by" if self.made.directions else "plain" if self.made.displacing else "to")
         return found
-
-    # What is noted, by slots.
-
-    def _note_value(self, found: _Found) -> None:
-        role = {"plain": "", "rate": "at"}.get(found.slot, found.slot)
-        self.made.quantities.append(
-            self.quantity(found.quantities[0], role, found.text, kind=found.noun, output=found.output)
-        )
-
-    def _note_condition(self, found: _Found) -> None:
-        when, side = found.part[0].value
-        reached = None
-        if found.quantities:
-            reached = self.quantity(found.quantities[0], "to", found.text, output=found.output)
-        self.made.condition = Awaited(when, reached, side)
-
-    def _note_ends(self, found: _Found) -> None:
-        self.made.quantities += [
-            self.quantity(said, found.slot, found.text, output=found.output) for said in found.quantities
-        ]
-
-    def _note_limit(self, found: _Found) -> None:
-        """The upper end of the range."""
-        self.made.shares.append(Share(factor=1.0, role="to", text=found.text, of="range", word=""))
-        self.made.targets += [found.output] if found.output is not None else []
-
-    def _note_full_speed(self, found: _Found) -> None:
-        """A value; behind "at" how another one is gone to."""
-        if found.noun != "speed" and found.output not in self.vocabulary.of_kind("speed"):
-            self._note_limit(found._replace(output=self.named(found.names)))
-            return
-        if "W" in found.letters:
-            self.made.paces.append("quickly")
-        else:
-            self.made.full_speed = found.text
-
-    def _note_of_swing(self, found: _Found) -> None:
-        """An amplitude, frequency or period."""
-        role = "to" if "T" in found.letters else "by" if "Y" in found.letters else ""
-        before = self.made.quantities[-1] if self.made.quantities and not role else None
-        if found.noun == "period" and before and before.base == TIME and not is_time(found.quantities[0][1]):
-            self.made.quantities[-1] = replace(before, kind="period")  # "4 s period, 3 cycles"
-            self._note_value(found._replace(slot="plain", part=[each for each in found.part if each.kind == "Q"]))
-            return
-        self.made.quantities.append(self.quantity(found.quantities[0], role, found.text, kind=found.noun or found.slot))
-
-    def _note_often(self, found: _Found) -> None:
-        """As in "one cycle every 4 s". Raises UserError for a count that could be that of all periods."""
-        (count, unit), every = found.quantities
-        if unit is None or unit.base != COUNT:
-            self.made.quantities.append(self.quantity(found.quantities[0], "", found.text))
-        elif count != 1.0:
-            raise UserError(
-                f"{found.text!r}: so often in that time, or so many periods? say 'at 1 Hz', or 'for {count:g} periods'"
-            )
-        self.made.quantities.append(self.quantity(every, "every", found.text))
-
-    def _note_each(self, found: _Found) -> None:
-        self.made.each = self.quantity(found.quantities[0], "for", found.text)
-
-    def _note_delay(self, found: _Found) -> None:
-        """Raise UserError for a second one."""
-        if self.made.delay is not None:
-            raise UserError(f"{self.made.delay.text} and {found.text} contradict one another: leave one out")
-        self.made.delay = self.quantity(found.quantities[0], "for", found.text)
-
-    def _note_target(self, found: _Found) -> None:
-        self.output, self.noun, self.waiting = found.output, found.noun, True
-        self.made.targets += [found.output] if found.output is not None else []
-
-    def _note_all(self, found: _Found) -> None:
-        """All outputs that have a range. Raises UserError where that is one."""
-        moving = [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
-        if len(moving) < 2:
-            raise UserError(f"{found.text!r} of one? commands steer {self.vocabulary.steered}: say its name")
-        self.made.targets += moving
-
-    def _note_home_place(self, found: _Found) -> None:
-        self.made.verbs.append(Symbol("V", "home", found.text))
-        self.made.targets += [found.output] if found.output is not None else []
-
-    def _note_verb(self, found: _Found) -> None:
-        self.made.verbs += [symbol for symbol in found.part if symbol.kind == "V"]
-
-    def _note_direction(self, found: _Found) -> None:
-        """Raise UserError for one behind a place, as in "go to 2 m more"."""
-        if self.made.quantities and self.made.quantities[-1].role == "to":
-            said = f"{self.made.quantities[-1].text} {found.text}"
-            raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by', and leave out {found.text!r}")
-        self.made.directions = [*(each for each in self.made.directions if each.kind == "U"), found.part[0]]
-
-    def _note_more(self, found: _Found) -> None:
-        """Up, but beside a direction, as in "further down", it says that one again."""
-        if not self.made.directions:
-            self._note_direction(found)
-
-    def _note_pace(self, found: _Found) -> None:
-        if found.letters[0] == "c":
-            self.made.smoothly = True
-        else:
-            self.made.paces.append(found.part[0].value)
-
-    def _note_comparative(self, found: _Found) -> None:
-        step = LITTLE if "b" in found.letters else MUCH if "m" in found.letters else MORE
-        sign = next(symbol.value for symbol in found.part if symbol.kind == "M")
-        self.made.comparatives.append((1.0 + step * sign, found.text))
-
-    def _note_as_fast(self, found: _Found) -> None:
-        self.made.comparatives.append((found.part[0].value, found.text))
-
-    def _note_to_name(self, found: _Found) -> None:
-        """A reference. Raises UserError for a noun beside it that is of something else."""
-        if wrong := [symbol.text for symbol in found.part if symbol.kind == "K" and symbol.value != "value"]:
-            raise UserError(f"{wrong[0]!r} has no meaning beside a reference's name: leave it out")
-        self.made.names += [symbol.value for symbol in found.part if symbol.kind == "G"]
-
-    def _note_object(self, found: _Found) -> None:
-        """Raise UserError for one that is all that is said."""
-        if len(self.part) == 1:
-            raise UserError(f"{found.text!r} asks for nothing: say for example 'go to 1 {self.example}'")
-        self.made.addressed = True
-
-    def _note_share(self, found: _Found) -> None:
-        """A factor, or a percentage."""
-        factor = next((symbol.value for symbol in found.part if symbol.kind == "S"), None)
-        value, unit = found.quantities[0] if found.quantities else (0.0, None)
-        if factor is None and (unit is None or unit.base != PERCENT):
-            raise UserError(f"{found.text!r}: a share is in %, or half, a third, a quarter, twice")
-        role = {"T": "to", "Y": "by", "W": "at", "I": "by"}.get(found.letters[0], "")
-        word = next((symbol.text for symbol in found.part if symbol.kind == "S"), "")
-        of = "range" if set("Xx") & set(found.letters) else "now" if "N" in found.letters else ""
-        self.made.shares.append(
-            Share(factor=0.01 * value if factor is None else factor, role=role, text=found.text, of=of, word=word)
-        )
-        self.made.targets += [found.output] if found.output is not None else []
-
-    def _note_noun(self, found: _Found) -> None:
-        self.made.nouns.append(found.noun)
-
-    def _note_here(self, found: _Found) -> None:
-        self.made.here = found.text
-
-    def _note_bit(self, found: _Found) -> None:
-        self.made.bit = found.text
-
-    def _note_sense(self, found: _Found) -> None:
-        """Raise UserError for a second one."""
-        if self.made.sense is not None:
-            raise UserError(f"{self.made.sense.text} and {found.text} contradict one another: leave one out")
-        self.made.sense = found.part[0]
-
-    def _note_displacing(self, found: _Found) -> None:
-        self.made.displacing = found.part[0]
-
-    def _note_wish(self, found: _Found) -> None:
-        self.made.wish = True
-
-    def _note_and(self, found: _Found) -> None:
-        """It says nothing by itself."""
-
-    _note_between = _note_range = _note_span = _note_ends
-    _note_amplitude = _note_frequency = _note_period = _note_of_swing
-    _note_later = _note_after = _note_delay
-
-    # What these take.
-
-    def begins(self) -> bool:
-        """Whether no verb was said yet, or a stop, which takes no time."""
-        if [symbol.value for symbol in self.made.verbs] == ["halt"]:
-            return True
-        return not (self.made.verbs or self.made.targets or self.made.directions or self.made.quantities)
-
-    def paces(self, quantities: Sequence[tuple[float, Unit | None]]) -> bool:
-        """Whether the last of some quantities says how fast or often, and one before it does not. Beside another value
-        a unit of both kinds may say either, which is asked later.
-        """
-        own = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
-        rates = [unit.rate for unit in own]
-
-        def is_pace(unit: Unit | None) -> bool:
-            if unit is None or unit.base == FREQUENCY:
-                return unit is not None
-            return any(map(unit.alike, rates)) and (beside or not any(map(unit.alike, own)))
-
-        beside = bool(self.made.quantities) and not self.made.targets
-        *before, (_, last) = quantities or [(0.0, None)]
-        return is_pace(last) and not any(unit is None or is_pace(unit) for _, unit in before)
-
-    def quantity(
-        self, said: tuple[float, Unit | None], role: str, text: str, *, kind: str = "", output: int | None = None
-    ) -> Quantity:
-        """One, of the output that was named with it or last; a time or a frequency is of none."""
-        value, unit = said
-        self.waiting = False
-        taken = output if output is not None else self.output
-        kind = kind or ("" if unit is not None and unit.base in (TIME, FREQUENCY) else self.noun)
-        return Quantity(value=value, unit=unit, role=role, text=text, kind=kind, output=taken)
-
-    def named(self, nouns: Sequence[Symbol], *, needed: bool = True) -> int | None:
-        """The output that nouns name together, None where there are none."""
-        own = {symbol.value for symbol in nouns if symbol.kind == "O"}
-        general = [symbol for symbol in nouns if symbol.kind == "K"]
-        if not nouns or (not own and not needed):
-            return None
-        found = own or set(self.vocabulary.tracked)
-        for symbol in general:
-            found &= {*self.vocabulary.of_kind(symbol.value)}
-        said = " ".join(symbol.text for symbol in nouns)
-        if not found:
-            raise UserError(f"{said!r} is nothing that commands steer here: they steer {self.vocabulary.steered}")
-        if len(found) > 1 and any(symbol.value != "value" for symbol in general):
-            listed = " or ".join(self.vocabulary.outputs[k].name for k in sorted(found))
-            raise UserError(f"do you mean {listed}? say which instead of {said!r}")
-        return found.pop() if len(found) == 1 else None
-
-
-def is_time(unit: Unit | None) -> bool:
-    """Whether a unit is one of time."""
-    return unit is not None and unit.base == TIME

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from hybrid_sysid_ros.extensions.commander.language import commands
+from hybrid_sysid_ros.extensions.commander.language.adjustments import Adjustments
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause, Quantity
 from hybrid_sysid_ros.extensions.commander.language.files import Files, is_picture
-from hybrid_sysid_ros.extensions.commander.language.goals import Goals
-from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.stairs import StairsMeaning
 from hybrid_sysid_ros.extensions.commander.language.swings import SwingMeaning
 from hybrid_sysid_ros.extensions.commander.language.values import described
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
+FLAT = {"go", "step", "ramp", "stairs"}
+"""Verbs that may lead along stairs."""
 SPECIFIC = {"swing", "square", "toggle", "triangle", "chirp", "home", "undo"}
 """Verbs that say all, beside a general one."""
 
 
-class Meaning(Goals):
+class Meaning(Adjustments):
     """Takes the quantities of one clause, each for what it can be."""
 
     def __init__(self, clause: Clause, vocabulary: Vocabulary, files: Files, *, behind: bool = False) -> None:
@@ -41,28 +42,40 @@ class Meaning(Goals):
         if "repeat" in found and len(found) > 1 and (self.left or "undo" in found):  # "undo the last command"
             found.remove("repeat")
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
-        general = {"go", "step", "ramp", "back", *([] if clause.names else ["follow"])}  # "run a chirp"
+        if self._climbs(found):
+            return "stairs"
+        being = {
+            symbol.value for symbol in clause.verbs if symbol.text.split()[-1] == "be"
+        }  # "let it be a square wave"
+        general = {"go", *being, "step", "ramp", "back", *([] if clause.names else ["follow"])}  # "run a chirp"
         if set(found) & SPECIFIC:
             found = [verb for verb in found if verb not in general]
+        if "chirp" in found and "swing" in found:  # "sweep sinusoidally"
+            found.remove("swing")
         if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
             found.remove("go")
-        slower = found == ["swing"] and clause.comparatives and not self.left  # "swing slower"
+        changes = clause.comparatives or (clause.nouns and clause.shares)
+        slower = found == ["swing"] and changes and not self.left  # "swing slower", "swing with twice the amplitude"
         if slower or (found == ["repeat"] and changed):  # "the same but slower", "again at 1 Hz"
             found = ["go"]
         if found in (["go", "back"], ["back", "go"]):
             found = ["back"]
         if found == ["back"]:
-            found = ["undo" if self._alone() else "go"]
+            found = ["undo" if self._returns() else "go"]
         if found == ["follow"] and not clause.names and not self._alone():
             found, clause.displacing = ["go"], clause.verbs[-1]  # "run at 100 rpm", "fly 100 m"
         if not found and clause.names:
             found = ["look" if is_picture(clause.names[0]) else "follow"]
+        if {*found} == {"follow", "step"} and not clause.names:
+            return "follow"  # "follow steps", where there is no such reference
         if (
-            not found
+            found in ([], ["go"])
             and any(item.base == FREQUENCY for item in self.left)
             and any(item.role in ("plus_minus", "between") for item in self.left)
         ):
             found = ["swing"]
+        if not found and clause.wish and self.left and all(item.base == TIME for item in self.left):
+            found = ["wait"]  # "give it 5 s"
         if not found and (
             clause.directions or clause.comparatives or clause.targets or clause.shares or clause.full_speed
             or any(item.role in ("to", "range") or self.adjusted(item) for item in self.left) or self._said()
@@ -70,6 +83,10 @@ class Meaning(Goals):
             found = ["go"]
         if len(found) > 1:
             raise UserError(f"{found[0]} and {found[1]} in one part: join them by 'then'")
+        if not found and self.left and all(item.base == FREQUENCY for item in self.left):
+            found = ["go"]  # "now at 0.3 Hz", of the last swing
+        if not found and self.left and all(item.base == COUNT for item in self.left):
+            found = ["repeat"]  # "three more times"
         if not found and clause.here:
             found = ["hold"]
         if not found:
@@ -77,6 +94,30 @@ class Meaning(Goals):
                 "no verb: begin with 'go to', 'hold', 'ramp to', 'step to', 'swing', 'wait', 'home' or 'stop'"
             )
         return found[0]
+
+    def _climbs(self, found: list[str]) -> bool:
+        """Whether a clause asks for stairs: by the word, by what each step is, or by "up 1 V every 5 s"."""
+        clause, roles = self.clause, self.roles
+        said = clause.increment or clause.count_of_steps or "stairs" in found
+        return set(found) <= FLAT and bool(said or ("every" in roles and (clause.directions or "by" in roles)))
+
+    def _returns(self) -> bool:
+        """Whether "back" says nothing of where, but for "down again", which is where it was."""
+        clause = self.clause
+        counted = [
+            item for item in self.left if item.base == COUNT or (item.base == TIME and item.role in ("in", "within"))
+        ]
+        twice = [share for share in clause.shares if not share.role and not share.of and share.factor in (2.0, 3.0)]
+        if not self.behind and clause.directions:
+            return False
+        kept = self.left, clause.shares, clause.directions
+        self.left = [item for item in self.left if item not in counted]
+        clause.shares = [share for share in clause.shares if share not in twice]
+        clause.directions = []
+        alone = self._alone()
+        self.left, clause.shares = kept[:2]
+        clause.directions = [] if alone else kept[2]
+        return alone
 
     def _alone(self) -> bool:
         """Whether nothing is said beside the verb."""
@@ -86,11 +127,6 @@ class Meaning(Goals):
             or clause.nouns or clause.here or clause.full_speed
         )  # fmt: skip
 
-    @property
-    def roles(self) -> set[str]:
-        """Of what is left."""
-        return {item.role for item in self.left} | {share.role for share in self.clause.shares}
-
     def _said(self) -> bool:
         """Whether a value is asked for without a verb: by "I want", or by how long it is to last."""
         return "" in self.roles and (self.clause.wish or "for" in self.roles)
@@ -99,12 +135,15 @@ class Meaning(Goals):
         """What the clause asks for."""
         makers: Mapping[str, Callable[[], commands.Command]] = {
             "home": self.home, "repeat": self.repeat,
-            "undo": lambda: commands.Undo(pace=self.pace), "wait": self.wait, "follow": self.follow, "look": self.look,
+            "undo": self.undo, "stairs": lambda: StairsMeaning(self).command(), "wait": self.wait,
+            "follow": self.follow, "look": self.look,
             "swing": self.swing, "square": self.swing, "toggle": self.swing,
             "triangle": self.swing, "chirp": self.swing, "step": self.step,
             "hold": self.hold, "still": self.hold, "go": self.go, "ramp": lambda: self.move("straight"),
         }  # fmt: skip
         made = makers[self.verb]()
+        if isinstance(made, commands.Move | commands.Home | commands.Wait | commands.Undo):
+            self.times = self.count()
         self.refuse_left(made)
         return made
 
@@ -123,6 +162,7 @@ class Meaning(Goals):
             [symbol.text for symbol in clause.directions] + clause.nouns + [clause.bit, clause.here, clause.full_speed]
         )
         said += [clause.sense.text] if clause.sense else []
+        said += [clause.together, clause.whole_range, clause.increment.text if clause.increment else ""]
         said += ["smoothly"] if clause.smoothly and getattr(made, "shape", "smooth") != "smooth" else []
         for text in filter(None, said):
             raise UserError(f"{text!r} has no meaning with {self.verb} here: leave it out")
@@ -132,12 +172,18 @@ class Meaning(Goals):
         ):
             raise UserError(f"{self.verb} takes no output: leave {self.vocabulary.outputs[clause.targets[0]].name} out")
 
+    def undo(self) -> commands.Undo:
+        seconds = self.seconds("in", "within")
+        if self.pace and seconds:
+            raise UserError(f"{self.pace} and a time contradict one another: leave one out")
+        return commands.Undo(pace=self.pace, seconds=seconds)
+
     def repeat(self) -> commands.Command:
-        """Once, or so many times; behind other commands that could mean these, too."""
-        times = self.count()
+        """Once, or so many times, or for so long; behind other commands that could mean these, too."""
+        times, seconds = self.count(), self.seconds("for")
         if self.behind:
             raise UserError("repeat these parts, or what was before? say 'repeat' alone, or the parts again")
-        return commands.Repeat(pace=self.pace, times=times)
+        return commands.Repeat(pace=self.pace, times=times, seconds=seconds)
 
     def count(self) -> int:
         """How often. Raises UserError where that is not from 1 to MOST."""
@@ -207,7 +253,10 @@ class Meaning(Goals):
         if times and self.behind and times == self.left:  # "go to 1 m, hold 2 s"
             self.left = []
             return self.stay(self.time(times[0]))
-        if times:
+        if len(times) == 1 and times[0].role == "" and (len(self.left) > 1 or clause.shares):  # "stay at 2 m a minute"
+            self.left.remove(times[0])
+            seconds = self.time(times[0])
+        elif times:
             raise UserError(
                 f"hold {described(times[0])} is a time: say 'hold for {described(times[0])}', or where to hold"
             )
@@ -236,85 +285,6 @@ class Meaning(Goals):
 
     def swing(self) -> commands.Command:
         return SwingMeaning(self, self.verb).command()
-
-    def go(self) -> commands.Command:
-        clause = self.clause
-        if clause.comparatives and not self.changed():
-            return self.compared()
-        adjusted = clause.nouns or [self.adjusted(item) for item in self.left if self.adjusted(item)]
-        return self.adjust(adjusted[0]) if adjusted else self.move("smooth")
-
-    def adjusted(self, item: Quantity) -> str:
-        """Which noun of the last swing a quantity changes; "": none. "The same at 1 Hz" needs no noun."""
-        if item.base == FREQUENCY and {symbol.value for symbol in self.clause.verbs} == {"repeat"}:
-            return "frequency"
-        if item.kind == "peak_to_peak":
-            return "amplitude"
-        return item.kind if item.kind in ("amplitude", "frequency", "period") else ""
-
-    def changed(self) -> bool:
-        """Whether a comparison says by how much a speed changes, as "5 rpm faster" does; it is a direction then."""
-        ((factor, text), *more), speeds = self.clause.comparatives, self.vocabulary.of_kind("speed")
-        if (
-            more
-            or len(self.left) != 1
-            or self.left[0].role not in ("", "by")
-            or self.output(self.left[0]) not in speeds
-        ):
-            return False
-        self.clause.comparatives = []
-        self.clause.directions.append(Symbol("U", math.copysign(1.0, factor - 1.0), text))
-        return True
-
-    def compared(self) -> commands.Command:
-        """What "slower" asks for: of a speed another value, of the last swing another frequency."""
-        ((factor, text), *more) = self.clause.comparatives
-        if more or self.left or self.clause.shares:
-            raise UserError(f"{text!r} by how much? say it alone, or a value alone, as in 'go to 1 {self.example}'")
-        speeds, targets = self.vocabulary.of_kind("speed"), self.clause.targets
-        if targets and targets != speeds:
-            raise UserError(f"{text!r} is of a speed, or of the last swing: say what of {self.vocabulary.steered}")
-        targets, self.clause.comparatives, self.clause.targets = speeds, [], []
-        return commands.Adjust(noun="speed" if len(targets) == 1 else "frequency", value=factor, how="times")
-
-    def adjust(self, noun: str) -> commands.Command:
-        """Another amplitude, frequency or period of the last swing."""
-        clause = self.clause
-        sign = self.direction()
-        quantity = self.take(lambda item: item.kind == "" or self.adjusted(item) == noun)
-        share = clause.shares.pop() if clause.shares else None
-        clause.nouns, clause.directions = [], []
-        if (quantity is None) == (share is None):
-            raise UserError(f"{noun} to what? say for example 'swing with an amplitude of 1 {self.example} at 0.5 Hz'")
-        if share is not None:
-            factor = share.factor if share.role != "by" else 1.0 + (sign or 1.0) * share.factor
-            return self.multiplied(noun, factor)
-        assert quantity is not None
-        relative = quantity.role == "by" or (sign != 0.0 and quantity.role == "")
-        if quantity.base == PERCENT:
-            factor = 0.01 * quantity.value
-            return self.multiplied(noun, 1.0 + (sign or 1.0) * factor if relative else factor)
-        if noun == "period":
-            if quantity.base != TIME or relative:
-                raise UserError(f"{quantity.text!r}: say how long a period is to be, as in 'set the period to 4 s'")
-            return commands.Adjust(noun="frequency", value=1.0 / self.time(quantity), how="to")
-        if noun == "frequency" and quantity.base != FREQUENCY:
-            raise UserError(f"{described(quantity)} is no frequency: give it in Hz")
-        output = self.output(quantity)
-        value = quantity.said if noun == "frequency" else self.value(quantity, output, relative=True)
-        value *= 0.5 if quantity.kind == "peak_to_peak" else 1.0
-        return commands.Adjust(
-            noun=noun, value=(sign or 1.0) * value if relative else value, how="by" if relative else "to"
-        )
-
-    def multiplied(self, noun: str, factor: float) -> commands.Adjust:
-        """So many times the noun; of a period the frequency is as much less. Raises UserError for a factor of 0."""
-        if noun == "period" and factor <= 0.0:
-            raise UserError("a period of 0 is none: say half, or how long it is to be")
-        return commands.Adjust(
-            noun="frequency" if noun == "period" else noun, value=1.0 / factor if noun == "period" else factor,
-            how="times",
-        )  # fmt: skip
 
     def move(self, shape: str) -> commands.Move:
         """To one or several goals."""

@@ -9,6 +9,9 @@ from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
+SWUNG = frozenset({"swing", "square", "toggle", "triangle", "chirp"})
+"""Verbs whose count is that of their periods."""
+
 
 def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
     """Symbols between marks, "then", with which a part may begin, and an "and" or a comma before a verb."""
@@ -17,19 +20,29 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
     for k, symbol in enumerate(found):
         following = found[k + 1].kind if k + 1 < len(found) else ""
         before = "".join(each.kind for each in made[-1])
+        if symbol.kind == "," and re.fullmatch("[KOJ]+", before) and following in ("V", "y"):
+            continue  # "beam, go to 2 V"
         if symbol.kind == "!":
             raise UserError(f"{symbol.text!r}: {symbol.value}")
         if symbol.text == "?" and before and not re.search("[VUwyMZz]", before):
             raise UserError("is that a question, or a command? say it with a verb, as in 'go to' or 'hold'")
+        if symbol.text == ":" and re.fullmatch("V?J?[QS]", before) and _is_count(made[-1][-1]):
+            made[-1] = made[-1][-1:]  # "three times: ...", "repeat 3 times: ..."
+            made.append([])
+            continue
         if symbol.text == ":" and [each.value for each in made[-1]] == ["repeat"]:
             raise UserError(
                 "repeat what follows, or what was carried out before? say 'repeat' alone, or the parts twice"
             )
+        counts = following == "Q" and _is_count(found[k + 1]) and all(each.kind == ";" for each in found[k + 2 : k + 3])
+        if symbol.kind in ",j" and counts and "eQ" not in before and not SWUNG & {each.value for each in made[-1]}:
+            made.append([])
+            continue
         ended = _is_wait(made[-1]) and following in tuple("UQTKO")
         ended = ended or (following == "V" and is_level(next(iter(made[-1]), None)))  # "60 rpm, wait 5 s, 50 rpm"
         if symbol.kind == "," and ended:
             made.append([])
-        elif _waits(made[-1], symbol, following):
+        elif _waits(made[-1], symbol, found[k + 1 : k + 3]):
             made.append([symbol])
         elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :], listed)):
             made.append([symbol] if symbol.value in ("then", "while") else [])
@@ -49,6 +62,14 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
         turns or [symbol.kind for symbol in rest[:2]] == ["U", "T"]
     ):  # "and back to 0", "and down to 0"
         return True
+    if re.fullmatch("V?Z|V?z[KO]?T?Q", before) and following in ("V", "y", "U", "u"):  # "wait until it is still and go"
+        return True
+    if "Q" in before and [symbol.kind for symbol in rest[:2]] == ["Q", "E"]:  # "and 5 s later to 0"
+        return True
+    if re.search("Q.*U|U.*Q", before) and re.match("Q[UM+]", "".join(symbol.kind for symbol in rest)):
+        return True  # "100 m higher and 10 m/s faster"
+    if following == "V" and rest[0].value == "repeat" and "Q" in before:  # "go to 1 m, then 0, repeat 3 times"
+        return True
     if following == "u" and "Q" in before:  # "hold 3 s, home"
         return True
     if following in ("V", "y", ";"):
@@ -56,6 +77,18 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
     if re.search("Q$" if listed else "Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
+
+
+def _is_count(symbol: Symbol) -> bool:
+    """Whether a quantity says how many times."""
+    if symbol.kind == "S":
+        return bool(symbol.value > 1.0)
+    return symbol.kind == "Q" and symbol.value[1] is not None and symbol.value[1].base == COUNT
+
+
+def _is_time(symbol: Symbol) -> bool:
+    """Whether a quantity is a time."""
+    return symbol.kind == "Q" and symbol.value[1] is not None and symbol.value[1].base == TIME
 
 
 def _is_wait(part: Sequence[Symbol]) -> bool:
@@ -70,9 +103,16 @@ def is_level(symbol: Symbol | None) -> bool:
     return unit is not None and unit.base not in (TIME, FREQUENCY, COUNT, PERCENT)
 
 
-def _waits(part: Sequence[Symbol], verb: Symbol, following: str) -> bool:
+def _waits(part: Sequence[Symbol], verb: Symbol, rest: Sequence[Symbol]) -> bool:
     """Whether a verb needs no mark before it, which a transcript has none of: "go to 2 m wait 3 s go to 0"."""
     before = [symbol.value for symbol in part if symbol.kind == "V"]
-    if verb.kind not in "Vy" or not before or not any(symbol.kind == "Q" for symbol in part):
+    if verb.kind not in "Vyu" or not before or not any(symbol.kind == "Q" for symbol in part):
         return False
-    return verb.value == "wait" or before[-1] == "wait" or (verb.value == "hold" and following in ("R", "H"))
+    if part[-1].kind == "Q" and not SWUNG & set(before) and "step" not in before:
+        following = "".join(symbol.kind for symbol in rest)
+        if verb.value == "home" or (verb.kind in "Vy" and re.match("V?T", following)):  # "go to 2 m go to 0 go home"
+            return True
+    if verb.value == "hold" and rest and (rest[0].kind in "RH" or _is_time(rest[0])):
+        return True
+    held = before[-1] == "hold" and _is_time(part[-1]) and part[-2].value == "hold"
+    return verb.value == "wait" or before[-1] == "wait" or held

@@ -7,7 +7,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Goal, Home, Move, Swing, Undo, Wait
+from hybrid_sysid_ros.extensions.commander.language.commands import (
+    Command,
+    Follow,
+    Goal,
+    Home,
+    Move,
+    Staircase,
+    Swing,
+    Undo,
+    Wait,
+)
 from hybrid_sysid_ros.extensions.commander.language.draft import JUMP, SHARES, Draft, down, per_second, with_unit
 from hybrid_sysid_ros.extensions.commander.language.files import columns
 from hybrid_sysid_ros.extensions.commander.language.reference_plan import Ability, ReferencePlan, needed
@@ -47,6 +57,7 @@ class _Plan(Draft):
         """What a command asks for, from where the plan is."""
         makers: dict[type[Command], Callable[..., None]] = {
             Wait: self.wait, Home: self.home, Move: self.move, Swing: self.swing, Follow: self.follow, Undo: self.undo,
+            Staircase: self.staircase,
         }  # fmt: skip
         if not isinstance(command, Wait | Undo):
             self.origins.append(self.here.copy())
@@ -61,6 +72,30 @@ class _Plan(Draft):
         return ReferencePlan(
             times=np.array(self.times), values=np.stack(self.values), jumps=self.jumps, stops=stops, story=story
         )
+
+    def staircase(self, command: Staircase) -> None:
+        """Steps from level to level. Raises UserError where these lead elsewhere than was said, or nowhere."""
+        k, rise, count, parts = command.output, command.rise or 0.0, command.count, len(self.story)
+        output = self.outputs[k]
+        if command.begin is not None:
+            self.move(Move(goals=(Goal(output=k, value=command.begin),), shape="smooth", hold=command.seconds))
+        first = float(self.here[k])
+        sign = command.toward or 1.0
+        last = first + sign * rise * count if command.end is None else command.end
+        last = first + sign * abs(command.end or 0.0) if command.relative else last
+        way = math.copysign(1.0, last - first)
+        if last == first or (way * sign < 0.0 and command.toward):
+            raise UserError(
+                f"stairs from {with_unit(first, output)} to {with_unit(last, output)} lead "
+                f"{'nowhere' if last == first else 'the other way'}: say 'from' where to where"
+            )
+        count = count or math.ceil(abs(last - first) / rise - 1e-9)
+        levels = [first + way * (rise or abs(last - first) / count) * (step + 1) for step in range(count - 1)] + [last]
+        for level in levels:
+            self.move(Move(goals=(Goal(output=k, value=level),), shape="step", hold=command.seconds))
+        shown = ", ".join(f"{level:.4g}" for level in ([first, *levels] if command.begin is not None else levels))
+        del self.story[parts:]
+        self.story.append(f"{output.name} in {count} steps to {shown} {output.unit}, {command.seconds:.4g} s at each")
 
     def swing(self, command: Swing) -> None:
         k = command.output

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
-from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, Unit, named
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME, Unit, named
 from hybrid_sysid_ros.support.errors import UserError
 
 SMALLEST, LARGEST = 1e-12, 1e12
@@ -45,6 +45,8 @@ class QuantityReader:
         """A number in digits or words, with its unit; None where there is none."""
         start, sign = self.at, 0.0
         signs, numbers = self.lexicon.table["signs"], self.lexicon.table["numbers"]
+        if self.word() in signs and self.longest(self.lexicon.verbs_of_numbers) > 1:
+            return None  # "mais um pouco"
         if ("p", "plus_minus") in self.lexicon.meanings.get(tuple(self.words[self.at : self.at + 2]), ()):
             return None
         while self.word() in signs and self._number_follows():
@@ -77,10 +79,45 @@ class QuantityReader:
             raise UserError("a number without end: give one within the rig's limits")
         if value and not SMALLEST <= abs(value) <= LARGEST:
             raise UserError(f"{value:g} is nothing that a rig reaches: give a number from {SMALLEST:g} to {LARGEST:g}")
+        if count := self.longest(self.lexicon.parts["steps"]):
+            self.at += count
+            return Symbol("#", value, " ".join(token.text for token in self.tokens[start : self.at]))
+        value *= self.part_of()
         unit = self.unit_here()
         if unit is not None:
             value = self.with_part(value)
+            value += self.smaller_time(unit)
         return Symbol("Q", (value, unit), " ".join(token.text for token in self.tokens[start : self.at]))
+
+    def part_of(self) -> float:
+        """The tenths of "two tenths of a metre", which are taken; 1 where there are none."""
+        share = self.lexicon.table["parts_of"].get(self.word())
+        if share is None:
+            return 1.0
+        skip = 1 + (self.words[self.at + 1 : self.at + 2] in (["of"], ["de"]))
+        skip += self.longest(self.lexicon.parts["articles"], skip=skip)
+        if self.at + skip >= len(self.tokens):
+            return 1.0
+        if not self.longest(self.lexicon.units, skip=skip) and self._unit_at(self.at + skip) is None:
+            return 1.0
+        self.at += skip
+        return float(share)
+
+    def smaller_time(self, unit: Unit) -> float:
+        """The seconds of "1 min 30 s" or "a minute and 30 seconds" in the unit before them; they are taken."""
+        start = self.at
+        if unit.base != TIME or unit.per or start >= len(self.tokens):
+            return 0.0
+        self.at += self.word() in ("and", "e")
+        spoken = {*self.lexicon.table["numbers"]} - {"a", "um", "uma"}
+        if self.at < len(self.tokens) and (self.tokens[self.at].kind == "number" or self.word() in spoken):
+            more = self.quantity()
+            if more is not None and more.kind == "Q" and more.value[1] is not None:
+                value, own = more.value
+                if (own.base, own.per) == (TIME, 0) and own.factor < unit.factor and value * own.factor < unit.factor:
+                    return float(value * own.factor / unit.factor)
+        self.at = start
+        return 0.0
 
     def with_part(self, value: float) -> float:
         """With the half of "and a half", which is taken."""
@@ -111,6 +148,7 @@ class QuantityReader:
             or self.longest(self.lexicon.parts_more, skip=1) > 0
             or (self.at + 1 < len(self.tokens) and self._unit_at(self.at + 1) is not None)
             or following[0] in ("hundred", "thousand")
+            or (self.word() == "one" and 0 <= self.lexicon.table["numbers"].get(following[0], -1) < 10)
         )
 
     def _number_follows(self, skip: int = 1) -> bool:
@@ -159,6 +197,8 @@ class QuantityReader:
     def spelled(self) -> float:
         """A number in words: "two hundred and fifty", "minus one point five"."""
         numbers = self.lexicon.table["numbers"]
+        if (digits := self.digit_by_digit()) is not None:
+            return digits
         total = group = 0.0
         while count := self.longest(self._spelled()):
             value = numbers[" ".join(self.words[self.at : self.at + count])]
@@ -179,15 +219,34 @@ class QuantityReader:
                 and self._fits(total + group, numbers[ahead[1]])
             ):
                 self.at += 1
-        value = total + group
+        return total + group + self.behind_point()
+
+    def digit_by_digit(self) -> float | None:
+        """A number whose digits are said one by one, "four five nine zero", which is taken; None for any other."""
+        numbers, said = self.lexicon.table["numbers"], list[int]()
+        for word in self.words[self.at :]:
+            if not 0 <= numbers.get(word, -1) < 10 or (word in ("um", "uma") and not said):
+                break
+            said.append(int(numbers[word]))
         if (
-            self.longest(self.lexicon.parts["point"])
-            and self.words[self.at + 1 : self.at + 2]
-            and (self.words[self.at + 1] in numbers or self.tokens[self.at + 1].kind == "number")
+            len(said) < 2
+            or said[0] == 0
+            or self.words[self.at + len(said) :][:1] in (["hundred"], ["thousand"], ["mil"])
         ):
-            self.at += 1
-            value += self.decimals()
-        return value
+            return None
+        self.at += len(said)
+        value = float("".join(map(str, said)))
+        return value + self.behind_point()
+
+    def behind_point(self) -> float:
+        """The decimals that a spoken point leads to, which are taken; 0 where there is none."""
+        numbers, k = self.lexicon.table["numbers"], self.at + 1
+        if not self.longest(self.lexicon.parts["point"]) or k >= len(self.tokens):
+            return 0.0
+        if self.words[k] not in numbers and self.tokens[k].kind != "number":
+            return 0.0
+        self.at += 1
+        return self.decimals()
 
     def decimals(self) -> float:
         """Behind a point: digits one by one, or one number ("twenty five"). Raises UserError for others."""

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
+from hybrid_sysid_ros.support.versions import installed
 
 with extra("mcp"):
     import anyio
@@ -49,6 +50,7 @@ def server(rig: Rig, desk: CommandInterface) -> MCPServer[Any]:
     """A server of a rig's tools and resources."""
     made: MCPServer[Any] = MCPServer(
         f"hybrid_sysid_ros {rig.name}",
+        version=installed("hybrid_sysid_ros"),
         instructions=(
             f"Tools for the rig {rig.name}. Each command is checked and simulated before anything moves; a refusal "
             f"says why, and what to say instead. Look at state and preview before you move. {described(rig)}"

@@ -124,6 +124,8 @@ class SwingMeaning:
             item for item in values.left if item.role in ("", "at") and self.is_span(item) and item.kind not in SIZES
         ]
         ends = bare if not ends and len(bare) == 2 else ends  # "square wave, 0 and 3 m"
+        if values.clause.whole_range and not ends and not bare:
+            return self.over_all()
         centre, span = values.one("around"), None
         if not ends:
             span = values.take(self.is_span)
@@ -138,6 +140,16 @@ class SwingMeaning:
             first = replace(first, unit=last.unit)
         output = values.output(first if first.unit is not None else last)
         return values.value(first, output), values.value(last, output), output, False
+
+    def over_all(self) -> tuple[float, float, int, bool]:
+        """The whole range of the output that is named, or of the only one."""
+        clause = self.values.clause
+        moving = [k for k in self.values.vocabulary.tracked if self.values.vocabulary.outputs[k].moves]
+        chosen = clause.targets or moving
+        if len(chosen) != 1:
+            raise UserError(f"{clause.whole_range!r} of which output? name one of {self.values.vocabulary.steered}")
+        clause.whole_range, shown = "", self.values.vocabulary.outputs[chosen[0]]
+        return shown.low, shown.high, chosen[0], False
 
     def is_span(self, item: Quantity) -> bool:
         return item.kind in SIZES or (

@@ -6,12 +6,17 @@ import re
 from collections.abc import Container, Iterator, Sequence
 from typing import Any
 
+from hybrid_sysid_ros.extensions.commander.language.conditions import ConditionReader
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Lexicon, Symbol, lexicon
-from hybrid_sysid_ros.extensions.commander.language.quantities import QuantityReader, Token
+from hybrid_sysid_ros.extensions.commander.language.quantities import Token
 from hybrid_sysid_ros.extensions.commander.language.stops import folded, stop_in
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
 from hybrid_sysid_ros.support.errors import UserError
 
+JOINED = re.compile(r"\b(?:then|and|or|ent[aã]o|depois|e|ou)\b", re.IGNORECASE)
+"""What joins two parts."""
+SHAPES = {"step", "ramp", "swing", "square", "toggle", "triangle", "chirp", "stairs"}
+"""Verbs whose noun may be applied."""
 LONGEST = 300  # characters of a sentence
 TOKEN = re.compile(
     r"""\s*(?:
@@ -19,7 +24,7 @@ TOKEN = re.compile(
     | (?P<sign>\+/?-|±)
     | (?P<path>"[^"]{1,200}"|'[^']{1,200}'|[\w~-][\w./~-]*\.(?i:csv|txt|jpe?g|png)\b)
     | (?P<unit>(?:%|°C?)(?:/(?:s|min)(?:\^2)?)?|[^\W\d_]+(?:/(?:s|min|h|sec|second)(?:\^2|²)?\b))
-    | (?P<word>[^\W\d_](?:[\w]|[-'](?=[^\W\d_]))*|&|=|@)
+    | (?P<word>[^\W\d_](?:[\w]|[-'](?=[^\W\d_]))*|&|=|@|[<>]=?)
     | (?P<mark>[,;.!?:\n])
     )""",
     re.VERBOSE,
@@ -40,7 +45,13 @@ PHRASES = (
     (re.compile(r"\bper\s+min(?:ute)?s?\b|\bpor\s+minuto\b", re.I), "/min "),
     (re.compile(r"\bper\s+h(?:our)?\b|\bpor\s+hora\b", re.I), "/h "),
     (re.compile(r"(?<=\w)\s*/\s*(s|min|h|seg)\b", re.I), lambda match: "/" + match[1].lower().replace("seg", "s")),
-    (re.compile(r"/s\s*/\s*s\b"), "/s^2"),
+    (re.compile(r"/s\s*/\s*s\b|/s2\b|/s²"), "/s^2"),
+    (re.compile(r"\b(rad|deg|m|V)\s?\*?\s?s\^?(?:-1|⁻¹)"), r"\1/s"),
+    (re.compile(r"\btake\s+(?=(?:[\w.,]+\s+){1,2}(?:s|secs?|seconds?|mins?|minutes?)\b)", re.I), "over "),
+    (re.compile(r"\b(s|seconds|minutes?|mins?|hours?)'?\s+time\b", re.I), r"\1 from now"),
+    (re.compile(r"\bafter\s+an?\s+([^,;]{1,20}?)[\s-]+(?:delay|pause|wait|break)\b", re.I), r"after \1"),
+    (re.compile(r"(\d[\d.,]*\s*[^\W\d_]+/s(?:\^2)?)\s+(?:max|maximum)\b", re.I), r"at most \1"),
+    (re.compile(r"\bmore\s+times\b|\btimes\s+more\b", re.I), "times"),
     (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
     (re.compile(r"(?<=\d)(?=[^\W\d_])(?![eE][+-]?\d)"), " "),
 )
@@ -63,7 +74,13 @@ def symbols(text: str, lexicon: Lexicon, vocabulary: Vocabulary) -> list[Symbol]
         raise UserError("empty: say for example 'hold 0'")
     if len(text) > LONGEST:
         raise UserError(f"{len(text)} characters: a command has {LONGEST} at most; for more, follow a file")
-    said = BAND.sub(f" {lexicon.table['to'][0]} ", text.translate(LOOKALIKES))
+    said = lexicon.opening.sub("", text)
+    said = text if not said.strip() else said
+    if (single := lexicon.closing.match(said)) and not re.search(
+        r"\b(?:then|and|or|ent[aã]o|depois|e|ou)\b", said, re.I
+    ):
+        said = single[1]
+    said = BAND.sub(f" {lexicon.table['to'][0]} ", said.translate(LOOKALIKES))
     said = PEAK_TO_PEAK.sub(rf" \1 {lexicon.table['peak_to_peak'][0]} ", said)
     for phrase, other in PHRASES:
         said = phrase.sub(other, said)
@@ -86,12 +103,8 @@ def _tokens(text: str, whole: Container[str]) -> Iterator[Token]:
             yield Token(kind, match[kind])
 
 
-class _Reader(QuantityReader):
+class _Reader(ConditionReader):
     """Reads tokens from left to right."""
-
-    def __init__(self, tokens: list[Token], lexicon: Lexicon, vocabulary: Vocabulary) -> None:
-        super().__init__(tokens, lexicon, vocabulary)
-        self.found: list[Symbol] = []
 
     def symbols(self) -> list[Symbol]:
         self.mend()
@@ -208,15 +221,27 @@ class _Reader(QuantityReader):
         knows; "gain" is one, but not in "gain 100 m".
         """
         gains = len(meanings) > 1 and self._verb_here() and self._number_follows()
+        if ("!" in [kind for kind, _ in meanings]) and self._applied(len(said.split())):
+            return
         for kind, reason in meanings if not gains else ():
             if kind == "!" and not (("N", "present") in meanings and self._noun(len(said.split()))[0]):
                 raise UserError(f"{said!r}: {reason}")
+        if "x" in [kind for kind, _ in meanings] and said in self.vocabulary.words_of_names:
+            raise UserError(f"{said!r}: the highest value, or a part of the rig? say 'to the maximum', or a value")
         for noun in [value for kind, value in meanings if kind == "n"]:
             if not self.vocabulary.of_kind(noun):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind not in "hn!"]
         for noun in [value for kind, value in meanings if kind == "h"]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
+
+    def _applied(self, count: int) -> bool:
+        """Whether "apply" is of a motion: "apply a step of 1 m"."""
+        if tuple(self.words[self.at : self.at + count]) not in self.lexicon.parts["applied"]:
+            return False
+        skip = count + self.longest(self.lexicon.parts["articles"], skip=count)
+        words = tuple(self.words[self.at + skip :][: self.longest(self.lexicon.meanings, skip=skip)])
+        return any(kind == "V" and value in SHAPES for kind, value in self.lexicon.meanings.get(words, ()))
 
     def _article(self) -> bool:
         """Whether a word that is an article or a preposition is an article here: no number follows."""
@@ -249,66 +274,6 @@ class _Reader(QuantityReader):
         return before in ("", ";", "j") and any(
             kind == "V" for kind, _ in self.lexicon.meanings.get((self.word(),), ())
         )
-
-    def _noun(self, skip: int) -> tuple[int, list[Symbol]]:
-        """How many of the words behind the next ones name an output, or the rig, and which output."""
-        words = self.words[self.at + skip :]
-        own, count = self.vocabulary.longest(words, self.lexicon), self.longest(self.lexicon.meanings, skip=skip)
-        if own is not None and own[1].kind in "OJ":
-            return own[0], [own[1]] if own[1].kind == "O" else []
-        meanings = self.lexicon.meanings[tuple(words[:count])] if count else ()
-        named = [Symbol(kind, value, " ".join(words[:count])) for kind, value in meanings if kind == "K"]
-        return count if named else 0, named
-
-    def condition(self) -> bool:
-        """A condition such as "once it is still", "when it reaches 3 m" or "if the height drops below 3 m"."""
-        parts = self.lexicon.parts
-        begin = self.longest(parts["once"])
-        if not begin or self.longest(self.lexicon.meanings) > begin:  # "once more"
-            return False
-        words = tuple(self.words[self.at : self.at + begin])
-        start, when = " ".join(words), next((kind for kind in ("until", "if") if words in parts[kind]), "once")
-        count, named, event = self._subject(begin)
-        settled = 0 if when == "if" else self.longest(parts["settled"], skip=count)
-        (at_once, side), (later, other) = self._relation(begin), self._relation(count, event=event)
-        equals = self.longest(parts["equals"], skip=count - 1) == 1  # "when it is 2 m"
-        equals = equals and not (at_once or later) and self._number_follows(count)
-        if settled and count + settled >= max(begin + at_once, count + later):
-            self.at += count + settled
-            self.found.append(Symbol("Z", (when, 0.0), f"{start} it is still"))
-            return True
-        if at_once or later or equals:
-            self.at += begin + at_once if at_once else count + later
-            side = side if at_once else other
-            when = "once" if when == "if" and (event or not side) else when
-            self.found += [Symbol("z", (when, side), start), *([] if at_once else named[:1])]
-            return True
-        if words in self.lexicon.meanings:
-            return False
-        raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1' or 'in 5 s'")
-
-    def _subject(self, count: int) -> tuple[int, list[Symbol], bool]:
-        """How many words there are with those that say of what a condition is, which output, and whether it becomes so,
-        as in "the height drops".
-        """
-        parts, named, event = self.lexicon.parts, list[Symbol](), False
-        for _ in range(3):
-            count += max(self.longest(parts[kind], skip=count) for kind in ("it_is", "articles", "object"))
-            more, nouns = self._noun(count)
-            count, named = count + more, named + nouns
-            more = self.longest(parts["becomes"], skip=count)
-            if more and self._relation(count)[0] <= more:  # "passar de" a value is all one
-                count, event = count + more, True
-        return count, named, event
-
-    def _relation(self, skip: int, *, event: bool = False) -> tuple[int, float]:
-        """How many words lead to the value that is waited for, and on which side of it the output has to be."""
-        parts = self.lexicon.parts
-        lead = parts["reaches"] | parts["to"] if event else parts["reaches"]
-        return max(
-            (self.longest(lead, skip=skip), 0.0), (self.longest(parts["above"], skip=skip), 1.0),
-            (self.longest(parts["below"], skip=skip), -1.0), key=lambda found: found[0],
-        )  # fmt: skip
 
 
 class UnknownWordError(UserError):

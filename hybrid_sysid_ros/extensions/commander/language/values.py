@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
+from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity, Share
+from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, of_rig
 from hybrid_sysid_ros.runtime.set_points import SetPointRange
@@ -20,6 +21,11 @@ class Values:
     def __init__(self, clause: Clause, vocabulary: Vocabulary) -> None:
         self.clause, self.vocabulary = clause, vocabulary
         self.left = list(clause.quantities)
+
+    @property
+    def roles(self) -> set[str]:
+        """Of what is left."""
+        return {item.role for item in self.left} | {share.role for share in self.clause.shares}
 
     @property
     def pace(self) -> str:
@@ -75,11 +81,20 @@ class Values:
         units = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
         if not goals or not any(map(item.unit.alike, self.rates)):
             return False
+        if self.clause.directions and self.of_one(goals, item):  # "climb to 300 m at 2 m/s"
+            return True
         if any(item.unit.alike(unit) for unit in units):
             raise UserError(
                 f"{item.text!r}: how fast, or a value of its own? say 'in' how many seconds, or 'and to' a value"
             )
         return True
+
+    def of_one(self, goals: Sequence[Quantity | Share], rate: Quantity) -> bool:
+        """Whether all goals are of one output that was named, and this is a rate of it."""
+        named = {goal.output for goal in goals if isinstance(goal, Quantity)} - {None}
+        own = [unit.rate for k in named for unit in self.vocabulary.units_of(k)]  # type: ignore[arg-type]  # no None
+        at = folded(rate.text).split()[0] in ("at", "a")  # "with 2 m/s" may be a value of its own
+        return at and len(named) == 1 and rate.unit is not None and any(map(rate.unit.alike, own))
 
     def output(self, item: Quantity) -> int:
         """Which output a quantity is of: as it was named, or the only one that has such a unit."""
@@ -99,6 +114,8 @@ class Values:
         if item.unit is None:
             if item.value == 0.0 or not shown.unit or shown.unit == "1":
                 return item.value
+            if not relative and (in_all := self.counted(item.value, shown)) != item.value:
+                return in_all  # a height of 33600 can be nothing else
             raise UserError(
                 f"{item.value:g} of what? {shown.name} is in {shown.unit}: say '{item.value:g} {shown.unit}'"
             )

@@ -76,6 +76,20 @@ class Vocabulary:
             found[_words(name)] = Symbol("O", k, name)
         return found
 
+    def watched_here(self, words: Sequence[str], language: Lexicon) -> tuple[int, list[Symbol]] | None:
+        """How many of the next words name an output that is not steered, and which."""
+        own = self.spoken[language.name]
+        named = {_words(o.name): Symbol("O", k, o.name) for k, o in enumerate(self.outputs) if not o.tracked}
+        said = [own.get(word, word) for word in words]
+        count = language.longest(named, said)
+        return (count, [named[tuple(said[:count])]]) if count else None
+
+    @cached_property
+    def words_of_names(self) -> frozenset[str]:
+        """Words of the names of what there is to steer, to measure and to estimate."""
+        named = (*self.rig.system.states, *self.rig.system.outputs)
+        return frozenset(word for item in named for word in _words(item.name))
+
     @cached_property
     def _own_parts(self) -> frozenset[tuple[str, ...]]:
         """Words of tracked outputs' names and of joints that carry one."""

@@ -115,6 +115,11 @@ class LoopMonitor:
             raise UserError("the estimates are no numbers: see the estimator's diagnostics")
         return np.where(self.tracked, values, 0.0)
 
+    def watched_outputs(self) -> Array:
+        """All outputs (outputs,), as they are shown, 0 for unknown ones. Raises UserError without an estimate."""
+        values = self.all_outputs()
+        return np.where(self.tracked, self.shown_outputs(), np.where(np.isfinite(values), values, 0.0))
+
     def reference(self) -> Array:
         """What the outputs are asked to be now (outputs,), as they are shown. Raises UserError where nothing is."""
         message = self.newest.get("reference")

@@ -178,7 +178,7 @@ class PlanExecution(RigNode):
         if sentence.later is not None and sentence.condition is not None:
             self.awaited = AwaitedCommand(
                 condition=sentence.condition, sentence=sentence.later, since=monotonic() + ahead,
-                begin=self.monitor.shown_outputs(),
+                begin=self.monitor.watched_outputs(),
             )  # fmt: skip
 
     def look_for_condition(self) -> None:
@@ -188,7 +188,7 @@ class PlanExecution(RigNode):
             if awaited is None or self.checking:
                 return
             try:
-                shown, idle = self.monitor.shown_outputs(), self.running is None
+                shown, idle = self.monitor.watched_outputs(), self.running is None
                 if awaited.is_due(monotonic(), shown, self.ranges, idle=idle):
                     self.awaited = None
                     self.act(awaited.sentence)

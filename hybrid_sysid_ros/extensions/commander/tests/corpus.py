@@ -29,6 +29,7 @@ from hybrid_sysid_ros.extensions.commander.tests.readings import (
     swing,
     wait,
 )  # fmt: skip
+from hybrid_sysid_ros.extensions.commander.tests.turns_of_speech import TURNS_OF_SPEECH
 
 CORPUS: list[tuple[str, str, Any]] = [
     # The issue's own.
@@ -280,7 +281,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "desloque 2 V", Refused("to that value, or by it")),
     (BEAM, "go to 2 V more", Refused("to that value, or by it")),
     (BEAM, "go up 1 V and then 2 V", Refused("verb")),
-    (BEAM, "move at most to 3 V", Refused("number")),
+    (BEAM, "move at most to 3 V", Refused("at most")),
     (CONE, "go up to 400 m and 15 m/s", [{"do": "smooth", "to": {"height": 400, "speed": 15}}]),
     (BEAM, "creep to 3 V", [go(3, pace="slowly")]),
     (BEAM, "either to 3 V", Refused("unknown word 'either'")),
@@ -346,4 +347,5 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "go to 3 V very slowly", [go(3, pace="slowly")]),
     *PORTUGUESE,
     *FEW_WORDS,
+    *TURNS_OF_SPEECH,
 ]

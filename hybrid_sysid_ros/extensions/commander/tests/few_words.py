@@ -83,7 +83,7 @@ FEW_WORDS: list[tuple[str, str, Any]] = [
     (BEAM, "go to 2 V, no faster than 0.5 V/s", [go(2, rate=0.5)]),
     (WHEEL, "go no faster than 50 rpm", Refused("to where")),
     (BEAM, "bring it home at 0.5 V/s", [go(0, rate=0.5)]),
-    (WHEEL, "reverse at 100 rpm", Refused("backwards, or around")),
+    (WHEEL, "reverse at 100 rpm", [go(-100)]),
     (WHEEL, "reverse to -100 rpm", [go(-100)]),
     (CONE, "climb to 33600 m", [go(72, "height")]),
     (CONE, "speed 4600.29 m/s", [go(10, "speed")]),

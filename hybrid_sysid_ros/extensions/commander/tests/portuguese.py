@@ -33,7 +33,7 @@ PORTUGUESE: list[tuple[str, str, Any]] = [
     (BEAM, "desça por 1 V devagar", [by(-1, pace="slowly")]),
     (BEAM, "rampa até 3 V em 6 s", [ramp(3, seconds=6)]),
     (BEAM, "faça uma rampa de -1 a 1 V em 4 s", [ramp(1, begin=-1, seconds=4)]),
-    (BEAM, "um degrau de 2 V", Refused("to that value, or by it")),
+    (BEAM, "um degrau de 2 V", [{**by(2), "do": "step"}]),
     (BEAM, "oscile entre -1 e 1 V a 0,5 Hz por 10 s", [swing(-1, 1, 0.5, 10)]),
     (BEAM, "oscile entre -1 e 1 V a cada 2 s por 3 períodos", [swing(-1, 1, 0.5, 6)]),
     (BEAM, "senoide com amplitude de 2 V e frequência de 0,5 Hz por 6 s", [swing(-2, 2, 0.5, 6)]),

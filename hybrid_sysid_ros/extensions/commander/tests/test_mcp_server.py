@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Mapping
+from importlib import metadata
 from threading import Event
 from typing import Any
 
@@ -73,6 +74,14 @@ def test_tools_say_what_they_do_to_the_rig_and_none_confirms_or_arms() -> None:
         "state", "limits", "picture", "preview", "plot"
     }  # fmt: skip
     assert not found["stop"].destructive_hint
+
+
+def test_the_server_says_which_version_it_is_of() -> None:
+    async def initialized() -> str:
+        async with Client(server(rigs.load("cam_beam"), Noting())) as client:
+            return client.server_info.version
+
+    assert asyncio.run(initialized()) == metadata.version("hybrid_sysid_ros")
 
 
 def test_a_command_arrives_as_it_was_given_and_its_reply_comes_back() -> None:

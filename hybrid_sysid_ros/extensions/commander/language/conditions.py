@@ -1,0 +1,97 @@
+"""Conditions: what a text says of when, such as "once it is still" or "if the height drops below 3 m"."""
+
+from __future__ import annotations
+
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
+from hybrid_sysid_ros.extensions.commander.language.quantities import QuantityReader, Token
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.support.errors import UserError
+
+
+class ConditionReader(QuantityReader):
+    """Reads conditions, which become symbols."""
+
+    def __init__(self, tokens: list[Token], lexicon: Lexicon, vocabulary: Vocabulary) -> None:
+        super().__init__(tokens, lexicon, vocabulary)
+        self.found: list[Symbol] = []
+
+    def condition(self) -> bool:
+        """A condition such as "once it is still", "when it reaches 3 m" or "if the height drops below 3 m"."""
+        parts = self.lexicon.parts
+        begin = self.longest(parts["once"])
+        if not begin or self.longest(self.lexicon.meanings) > begin:  # "once more"
+            return False
+        if self.up_to(begin):
+            return True
+        words = tuple(self.words[self.at : self.at + begin])
+        start, when = " ".join(words), next((kind for kind in ("until", "if") if words in parts[kind]), "once")
+        count, named, event = self._subject(begin)
+        settled = 0 if when == "if" else self.longest(parts["settled"], skip=count)
+        (at_once, side), (later, other) = self._relation(begin), self._relation(count, event=event)
+        equals = self.longest(parts["equals"], skip=count - 1) == 1  # "when it is 2 m"
+        equals = equals and not (at_once or later) and self._number_follows(count)
+        lasting = self.words[count + settled + self.at :][:1] == ["for"]
+        if lasting and self.lexicon.meanings.get(words[:1]) == ():  # "let it settle for 5 s"
+            return False
+        if settled and count + settled >= max(begin + at_once, count + later):
+            self.at += count + settled
+            self.found.append(Symbol("Z", (when, 0.0), f"{start} it is still"))
+            return True
+        if at_once or later or equals:
+            self.at += begin + at_once if at_once else count + later
+            side = side if at_once else other
+            when = "once" if when == "if" and (event or not side) else when
+            self.found += [Symbol("z", (when, side), start), *([] if at_once else named[:1])]
+            return True
+        if words in self.lexicon.meanings or (when != "if" and self.lexicon.meanings.get(words[:1]) == ()):
+            return False
+        raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1' or 'in 5 s'")
+
+    def up_to(self, begin: int) -> bool:
+        """Whether a value follows "until": where what moves goes to, or what a wait or a hold is for."""
+        words = tuple(self.words[self.at : self.at + begin])
+        if words[-1] not in ("until", "till") or not self._number_follows(begin):
+            return False
+        parts = "".join(symbol.kind for symbol in self.found).split(";")
+        verbs = [symbol.value for symbol in self.found if symbol.kind == "V"][-parts[-1].count("V") :]
+        moves = {"V", "U"} & {*parts[-1]} and not {"hold", "wait", "swing"} & {*verbs}
+        self.found.append(Symbol("T", "to", words[0]) if moves else Symbol("z", ("until", 0.0), " ".join(words)))
+        self.at += begin
+        return True
+
+    def _subject(self, count: int) -> tuple[int, list[Symbol], bool]:
+        """How many words there are with those that say of what a condition is, which output, and whether it becomes so,
+        as in "the height drops".
+        """
+        parts, named, event = self.lexicon.parts, list[Symbol](), False
+        for _ in range(3):
+            count += max(self.longest(parts[kind], skip=count) for kind in ("it_is", "articles", "object"))
+            more, nouns = self._noun(count, watched=True)
+            count, named = count + more, named + nouns
+            more = self.longest(parts["becomes"], skip=count)
+            if more and self._relation(count)[0] <= more:  # "passar de" a value is all one
+                count, event = count + more, True
+        return count, named, event
+
+    def _relation(self, skip: int, *, event: bool = False) -> tuple[int, float]:
+        """How many words lead to the value that is waited for, and on which side of it the output has to be."""
+        parts = self.lexicon.parts
+        lead = parts["reaches"] | parts["to"] if event else parts["reaches"]
+        return max(
+            (self.longest(lead, skip=skip), 0.0), (self.longest(parts["above"], skip=skip), 1.0),
+            (self.longest(parts["below"], skip=skip), -1.0), key=lambda found: found[0],
+        )  # fmt: skip
+
+    def _noun(self, skip: int, *, watched: bool = False) -> tuple[int, list[Symbol]]:
+        """How many of the words behind the next ones name an output, or the rig, and which output; watched: or one that
+        is not steered, which a condition may be of.
+        """
+        words = self.words[self.at + skip :]
+        if watched and (seen := self.vocabulary.watched_here(words, self.lexicon)):
+            return seen
+        own, count = self.vocabulary.longest(words, self.lexicon), self.longest(self.lexicon.meanings, skip=skip)
+        if own is not None and own[1].kind in "OJ":
+            return own[0], [own[1]] if own[1].kind == "O" else []
+        meanings = self.lexicon.meanings[tuple(words[:count])] if count else ()
+        named = [Symbol(kind, value, " ".join(words[:count])) for kind, value in meanings if kind == "K"]
+        return count if named else 0, named

@@ -1,0 +1,89 @@
+"""Stairs: what a clause about equal steps, each as long as the others, asks for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hybrid_sysid_ros.extensions.commander.language.clauses import Quantity
+from hybrid_sysid_ros.extensions.commander.language.commands import Staircase
+from hybrid_sysid_ros.extensions.commander.language.goals import Goals
+from hybrid_sysid_ros.rigs.units import COUNT, TIME
+from hybrid_sysid_ros.support.errors import UserError
+
+MOST_STEPS = 100
+
+
+class StairsMeaning:
+    """Takes what a staircase can take from a clause."""
+
+    def __init__(self, values: Goals) -> None:
+        self.values, self.clause = values, values.clause
+
+    def command(self) -> Staircase:
+        values = self.values
+        in_all = self.clause.count_of_steps > 0 and "every" not in values.roles  # "up 2 V in 4 steps"
+        toward, seconds, rise, count = values.direction(), self.seconds(), self.rise(), self.count()
+        begin, end = self.ends()
+        change = values.take(lambda item: item.role in ("", "by") and bool(item.base))
+        if rise is None and not in_all:
+            rise, change = change, None  # "up 0.5 V every 5 s"
+        if change is not None and (end is not None or not toward):
+            raise UserError(f"stairs do not take {change.text!r} here: leave it out")
+        if rise is None and change is None and end is None:
+            raise UserError(f"stairs to where? say 'from 0 to 1 {values.example} in 4 steps of 2 s each'")
+        last = end or change
+        if rise is None and not count:
+            raise UserError("how high is each step? say 'in 4 steps', or 'in steps of' how much")
+        if last is None and not count:
+            raise UserError("how many steps? say '4 times', or 'up to' where")
+        if rise is not None and last is not None and count:
+            raise UserError("how many steps, and how high each? leave one out")
+        self.clause.directions = []
+        output = values.output(last or rise or begin)  # type: ignore[arg-type]  # one of them was given
+        self.clause.targets = [k for k in self.clause.targets if k != output]
+        return Staircase(
+            output=output, count=count, seconds=seconds, toward=toward, relative=last is not None and last is change,
+            begin=None if begin is None else values.value(begin, output),
+            end=None if last is None else values.value(last, output, relative=last is change),
+            rise=None if rise is None else abs(values.value(rise, output, relative=True)),
+        )  # fmt: skip
+
+    def seconds(self) -> float:
+        """How long each step lasts [s]."""
+        each = self.clause.each
+        if each is not None and each.base == TIME:
+            self.clause.each = None
+            return self.values.time(each)
+        found = self.values.seconds("every", "for", "")
+        if found is None:
+            raise UserError("how long is each step? say 'for 2 s each'")
+        return found
+
+    def rise(self) -> Quantity | None:
+        """How high each step is."""
+        found, self.clause.increment = self.clause.increment, None
+        return found
+
+    def count(self) -> int:
+        """How many steps there are, 0 where nobody says so."""
+        times = self.values.take(lambda item: item.base == COUNT)
+        count = self.clause.count_of_steps or (0.0 if times is None else times.value)
+        self.clause.count_of_steps = 0
+        if not (float(count).is_integer() and 0 <= count <= MOST_STEPS):
+            raise UserError(f"{count:g} steps: give a whole number up to {MOST_STEPS}")
+        return int(count)
+
+    def ends(self) -> tuple[Quantity | None, Quantity | None]:
+        """From where, and to where."""
+        found = [item for item in self.values.left if item.role in ("range", "span", "from", "to", "between")]
+        for item in found:
+            self.values.left.remove(item)
+        begins = [item for item in found if item.role == "from"]
+        pair = [item for item in found if item.role in ("range", "span", "between")]
+        begins, ends = [*begins, *pair[:1]], [*pair[1:], *(item for item in found if item.role == "to")]
+        if len(ends) > 1 or len(begins) > 1:
+            raise UserError("stairs have one end: say 'from' one value 'to' another")
+        begin, end = next(iter(begins), None), next(iter(ends), None)
+        if begin is not None and end is not None and begin.unit is None:
+            begin = replace(begin, unit=end.unit)
+        return begin, end
