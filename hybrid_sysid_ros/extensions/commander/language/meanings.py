@@ -96,7 +96,7 @@ class Meaning(Adjustments):
         return found[0]
 
     def _climbs(self, found: list[str]) -> bool:
-        """Whether a clause asks for stairs: by the word, by what each step is, or by "up 1 V every 5 s"."""
+        """Whether a clause asks for stairs: by the word, by what each step is, or by "up 1 m every 5 s"."""
         clause, roles = self.clause, self.roles
         said = clause.increment or clause.count_of_steps or "stairs" in found
         return set(found) <= FLAT and bool(said or ("every" in roles and (clause.directions or "by" in roles)))

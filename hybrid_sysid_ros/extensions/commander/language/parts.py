@@ -21,7 +21,7 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         following = found[k + 1].kind if k + 1 < len(found) else ""
         before = "".join(each.kind for each in made[-1])
         if symbol.kind == "," and re.fullmatch("[KOJ]+", before) and following in ("V", "y"):
-            continue  # "beam, go to 2 V"
+            continue  # a name before a verb
         if symbol.kind == "!":
             raise UserError(f"{symbol.text!r}: {symbol.value}")
         if symbol.text == "?" and before and not re.search("[VUwyMZz]", before):

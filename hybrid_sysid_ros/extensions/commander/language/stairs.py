@@ -21,12 +21,12 @@ class StairsMeaning:
 
     def command(self) -> Staircase:
         values = self.values
-        in_all = self.clause.count_of_steps > 0 and "every" not in values.roles  # "up 2 V in 4 steps"
+        in_all = self.clause.count_of_steps > 0 and "every" not in values.roles  # "up 2 m in 4 steps"
         toward, seconds, rise, count = values.direction(), self.seconds(), self.rise(), self.count()
         begin, end = self.ends()
         change = values.take(lambda item: item.role in ("", "by") and bool(item.base))
         if rise is None and not in_all:
-            rise, change = change, None  # "up 0.5 V every 5 s"
+            rise, change = change, None  # "up 0.5 m every 5 s"
         if change is not None and (end is not None or not toward):
             raise UserError(f"stairs do not take {change.text!r} here: leave it out")
         if rise is None and change is None and end is None:
