@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-from collections import Counter
 from dataclasses import replace
 from types import FunctionType
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.extensions.export.unit.expressions import Expressions
-from hybrid_sysid_ros.extensions.export.unit.names import assigned, safe, used_where_made, variables_of
+from hybrid_sysid_ros.extensions.export.unit.names import counts_of, safe, used_where_made, variables_of
 from hybrid_sysid_ros.extensions.export.unit.translation import (
     TranslatedFunction,
     Translation,
@@ -49,8 +48,7 @@ class Assignments(Expressions):
         self.tree = tree_of(function)
         self.names = known_names(function)
         self.values: dict[str, Value] = {}
-        self.counts = Counter(assigned(self.tree))
-        self._inside = used_where_made(self.tree)
+        self.counts, self._inside = counts_of(self.tree), used_where_made(self.tree)
         self.depth, self._temporaries = 1, 0
         self.ended = False
         self.read: set[str] = set()

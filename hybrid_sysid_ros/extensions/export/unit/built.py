@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,11 +44,15 @@ def build(compiler: str, folder: Path, name: str, into: Path, *, flags: tuple[st
     Raises UserError where the compiler refuses a file, or finds anything to warn of in NAME.c.
     """
     common = [compiler, *FLAGS, *flags, "-fPIC", "-I", str(folder), "-c"]
-    objects = [into / "unit.o"]
-    compile_source([*common, *WARNINGS, "-Werror", str(folder / f"{name}.c"), "-o", str(objects[0])], f"{name}.c")
-    for path in sorted((folder / "daqp").glob("*.c")):
-        objects.append(into / f"daqp_{path.stem}.o")
-        compile_source([*common, "-w", *renamed(name), str(path), "-o", str(objects[-1])], path.name)
+    own, solver = folder / f"{name}.c", sorted((folder / "daqp").glob("*.c"))
+    objects = [into / "unit.o", *(into / f"daqp_{path.stem}.o" for path in solver)]
+    kinds = [(*WARNINGS, "-Werror"), *(("-w", *renamed(name)) for _ in solver)]
+
+    def compiled(source: Path, kind: tuple[str, ...], target: Path) -> None:
+        compile_source([*common, *kind, str(source), "-o", str(target)], source.name)
+
+    with ThreadPoolExecutor() as pool:  # on all cores
+        list(pool.map(compiled, (own, *solver), kinds, objects))
     library = into / f"lib{name}.so"
     compile_source([compiler, *flags, "-shared", *map(str, objects), "-o", str(library), "-lm"], f"{name}.c")
     return library

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Set
+from functools import cache
 
 KEYWORDS = (
     " auto break case char const continue default do double else enum extern float for goto if inline int long "
@@ -15,8 +17,13 @@ KEYWORDS = (
 """Names that a variable in C, or in C++, must not have."""
 
 
-def assigned(tree: ast.AST) -> Iterator[str]:
-    """Names that a function sets, as often as it does; those of loops only if they are set otherwise, too."""
+@cache
+def counts_of(tree: ast.AST) -> Counter[str]:
+    """How often a function sets each name; those of loops only if they are set otherwise, too."""
+    return Counter(_assigned(tree))
+
+
+def _assigned(tree: ast.AST) -> Iterator[str]:
     for node in ast.walk(tree):
         targets = (
             node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AugAssign) else []
@@ -27,7 +34,8 @@ def assigned(tree: ast.AST) -> Iterator[str]:
                     yield item.id
 
 
-def used_where_made(tree: ast.FunctionDef) -> set[str]:
+@cache
+def used_where_made(tree: ast.FunctionDef) -> Set[str]:
     """Names that are only read within the block in which they are set."""
     made: dict[str, tuple[int, ...]] = {}
     used: list[tuple[str, tuple[int, ...]]] = []
