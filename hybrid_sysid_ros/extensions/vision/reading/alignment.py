@@ -91,7 +91,8 @@ def aligned(
     [counts], mean row, and the share of the points that the layers explain.
 
     The variance is that of correlated differences, as codecs make them: points of one block of texels count as one
-    (White 1980, clustered), and those of two or four blocks where that is more.
+    (White 1980, clustered), and those of two or four blocks where that is more. Its curvature is that of the robust
+    weights' own slope (Huber 1967), which is less than that of Gauss-Newton.
     """
     count = points.shape[0]
     width = 16.0 * max(1.0, reach / 320.0)
@@ -103,7 +104,7 @@ def aligned(
     for step in range(steps):
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
-        gradient = curvature = rows = total = weights = 0.0
+        gradient = curvature = bend = rows = total = weights = 0.0
         scores[:], histogram[:], used, informative = 0.0, 0, 0, 0
         for k in range(count):
             difference, slope, _, _, row = point(
@@ -122,6 +123,7 @@ def aligned(
                 continue
             gradient += weight * difference * slope
             curvature += weight * slope * slope
+            bend += _weight_slope(size, limit) * slope * slope
             rows += weight * slope * slope * row
             weights += weight
             scores[int(points[k, 0] / width + blocks / 2)] += weight * difference * slope
@@ -130,7 +132,7 @@ def aligned(
         deviation = max(_median(histogram, informative) / 0.6745, 0.7)
         move = gradient / curvature
         out[0], out[2], out[3], out[4] = angle, total / used, rows / curvature, weights / used
-        out[1] = _clustered(scores) / curvature**2
+        out[1] = _clustered(scores) / bend**2 if bend > 0.0 else np.nan
         if step > 1 and abs(move) * reach < SETTLED:
             break
         most = FARTHEST / reach
@@ -143,6 +145,16 @@ def _weight(size: float, limit: float) -> float:
     if limit == 0.0:
         return 1.0 / (1.0 + (size / 10.0) ** 2)
     return (1.0 - (size / limit) ** 2) ** 2 if size < limit else 0.0
+
+
+@inner
+def _weight_slope(size: float, limit: float) -> float:
+    """How fast a weighted difference grows with the difference itself [counts]; below 0 where it is cut off."""
+    if limit == 0.0:
+        square = (size / 10.0) ** 2
+        return (1.0 - square) / (1.0 + square) ** 2
+    square = (size / limit) ** 2
+    return (1.0 - square) * (1.0 - 5.0 * square) if square < 1.0 else 0.0
 
 
 @inner
@@ -248,6 +260,7 @@ def align_freely(
         limit = BISQUARE * deviation
         scores[:], normal[:], gradient[:], histogram[:], rows[:] = 0.0, 0.0, 0.0, 0, 0.0
         used = informative = 0
+        bend = 0.0
         place = (pivot[0] + beside[0], pivot[1] + beside[1])
         for k in range(points.shape[0]):
             difference, slopes[0], slopes[1], slopes[2], row = point(
@@ -263,6 +276,7 @@ def align_freely(
             weight = _weight(size, limit)
             if weight == 0.0:
                 continue
+            bend += _weight_slope(size, limit) * slopes[0] ** 2
             block = int(points[k, 0] / width + blocks / 2)
             for i in range(3):
                 rows[i] += weight * slopes[i] * slopes[0] * row
@@ -272,6 +286,7 @@ def align_freely(
                     normal[i, j] += weight * slopes[i] * slopes[j]
         if used < points.shape[0] // 4 or not min(normal[0, 0], normal[1, 1], normal[2, 2]) > 0.0:
             return
+        steeper = normal[0, 0] / bend if bend > 0.0 else np.nan
         for i in range(3):
             normal[i, i] *= 1.0 + 1e-6
         inverse = np.linalg.inv(normal)
@@ -281,7 +296,7 @@ def align_freely(
         out[0], out[1], out[2] = angle, beside[0], beside[1]
         out[6] = inverse[0, 0] * rows[0] + inverse[0, 1] * rows[1] + inverse[0, 2] * rows[2]
         for i in range(3):
-            out[3 + i] = _clustered(spread[:, i])
+            out[3 + i] = _clustered(spread[:, i]) * steeper**2
         deviation = max(_median(histogram, informative) / 0.6745, 0.7)
         if step > 1 and abs(move[0]) * reach + abs(move[1]) + abs(move[2]) < SETTLED:
             return

@@ -39,8 +39,8 @@ def film_quantities(record: VideoRecord) -> list[FilmQuantity]:
         FilmQuantity("rate", footage.rate, None, "1/s", 4),
     ]
     if len(finite):
-        median = math.degrees(float(np.median(finite)))
-        rows.append(FilmQuantity("angle of a picture", None, median, "degrees", 4))
+        usual = math.degrees(float(np.sqrt(np.mean(finite**2))))
+        rows.append(FilmQuantity("angle of a picture, rms", None, usual, "degrees", 4))
     if record.onset is not None:
         rows.append(FilmQuantity("lamp on", record.onset.time, record.onset.deviation, "s of the film", 5))
     if found is not None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReading, FreeReading
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, unknown_shake
@@ -19,13 +20,14 @@ ENOUGH = 20  # pictures
 OUTLIER = 5.0  # deviations
 WANDERS = 0.12  # pixels of 640: a pivot that moves less, rms, stands
 LEAVES = 3.0  # pixels of 640: one that moves more, the camera's motion taken out, is no pivot
-ORDER = 10  # of the differences that show what is new in each picture
+ORDER = 12  # of the differences that show what is new in each picture
 GROWS = 1.25 * math.sqrt(ORDER + 1.0)
 """Times as much every second picture tells of an error that is kept for two, by ORDER's binomials, and
 a quarter for what medians of some hundred differences are uncertain by."""
 SLOWEST = 23.0  # pictures a second, at which a joint's motion has no part in them yet
 GAP = 1.5  # times as far apart as most are pictures between which one is missing
 CHI_SQUARE = 0.455  # median, of one degree of freedom
+HELD, STILL = 0.25, 4  # deviations by which angles differ at most that are one, and how many in a row a codec repeats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,38 +76,55 @@ def steady_angles(
         common += (more * motion.roll_deviation if moves else min(motion.roll, motion.roll_deviation)) ** 2
     angles = np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan)
     own = chosen[:, 1] ** 2 + common
-    deviations = np.sqrt(np.maximum(own, scatter(times, angles, layers.period) ** 2))
+    repeated = held(angles, np.sqrt(own))
+    deviations = np.sqrt(np.maximum(own, scatter(times, angles, layers.period, repeated) ** 2))
     return SteadyAngles(angles=angles, deviations=deviations, rows=chosen[:, 2])
 
 
-def scatter(times: Array, angles: Array, period: float = 0.0) -> float:
+def held(angles: Array, deviations: Array) -> NDArray[np.bool_]:
+    """Angles (pictures,) that go on for STILL pictures and more to within HELD of their deviations: what a codec repeats
+    while nothing moves is one picture with one error, and no new one tells of it.
+    """
+    same = np.append(False, np.abs(np.diff(angles)) < HELD * deviations[1:]).astype(int)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]])))
+    found = np.zeros(len(angles), dtype=bool)
+    for first, end in edges.reshape(-1, 2).tolist():
+        found[first:end] = end - first >= STILL
+    return found
+
+
+def scatter(times: Array, angles: Array, period: float = 0.0, repeated: NDArray[np.bool_] | None = None) -> float:
     """Standard deviation of what is new in each of the angles (pictures,) at times [s], by their divided differences of
     a high order, in which a motion well below half the pictures' rate has no part; their median, so that no jump has
-    any; 0 where too few follow one another. period: of angles that go round, 0 for others.
+    any; 0 where too few follow one another. period: of angles that go round, 0 for others. repeated: pictures (pictures,)
+    in which nothing is new (:func:`held`).
 
     A codec keeps its errors from one picture to the next. Where pictures are many, every second, fourth and eighth tell
     it, too, as long as they are SLOWEST, and the largest of these counts. What grows by more than GROWS is the motion.
     """
     known = np.isfinite(angles)
     when, seen = times[known], np.unwrap(angles[known], period=period) if period else angles[known]
+    old = np.zeros(len(when), dtype=bool) if repeated is None else repeated[known]
     if len(when) < ENOUGH + ORDER:
         return 0.0
     usual, stride = float(np.median(np.diff(when))), 1
-    most = _new(when, seen, stride, usual)
+    most = _new(when, seen, old, stride, usual)
     while 2 * stride * usual * SLOWEST <= 1.0:
         stride *= 2
-        if (new := _new(when, seen, stride, usual)) > GROWS * most:
+        if (new := _new(when, seen, old, stride, usual)) > GROWS * most:
             break
         most = max(most, new)
     return most
 
 
-def _new(when: Array, seen: Array, stride: int, usual: float) -> float:
-    """The same of every so many pictures, most of which are ``usual`` apart [s]."""
+def _new(when: Array, seen: Array, old: NDArray[np.bool_], stride: int, usual: float) -> float:
+    """The same of every so many pictures, most of which are ``usual`` apart [s]; where most are old, they don't count."""
     if len(when) < ENOUGH + ORDER * stride:
         return 0.0
-    windows, values = (sliding_window_view(item, ORDER * stride + 1)[:, ::stride] for item in (when, seen))
-    together = np.diff(windows, axis=1).max(axis=1) < GAP * stride * usual
+    windows, values, repeats = (
+        sliding_window_view(item, ORDER * stride + 1)[:, ::stride] for item in (when, seen, old)
+    )
+    together = (np.diff(windows, axis=1).max(axis=1) < GAP * stride * usual) & (repeats.mean(axis=1) < 0.5)
     if together.sum() < ENOUGH:
         return 0.0
     apart = windows[:, :, None] - windows[:, None, :]

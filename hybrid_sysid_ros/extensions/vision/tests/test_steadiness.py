@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
-from hybrid_sysid_ros.extensions.vision.reading.steadiness import scatter
+from hybrid_sysid_ros.extensions.vision.reading.steadiness import held, scatter
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.arrays import Array
@@ -52,3 +52,15 @@ def test_a_sprite_that_looks_alike_after_a_part_of_a_turn_has_that_period(name: 
     layers = painted_layers(load(name), Camera(width=240, height=136), low=0.0, high=2.0 * np.pi)
     assert layers.full_turn
     assert layers.period == pytest.approx(2.0 * np.pi / parts)
+
+
+def test_pictures_that_a_codec_repeats_at_rest_tell_nothing_of_the_scatter() -> None:
+    """Half a film at rest is one picture again and again; the other half scatters as it does without the rest."""
+    times: Array = np.arange(600) / 30.0
+    angles = 0.1 * np.sin(2.0 * np.pi * times) + NOISE * np.random.default_rng(0).standard_normal(600)
+    angles[:310] = angles[0]
+    repeated = held(angles, np.full(600, NOISE))
+    assert repeated[1:310].all()
+    assert not repeated[310:].any()
+    assert scatter(times, angles) < 0.5 * NOISE
+    assert scatter(times, angles, repeated=repeated) == pytest.approx(NOISE, rel=0.15)
