@@ -82,8 +82,8 @@ def steady_angles(
 
 
 def held(angles: Array, deviations: Array) -> NDArray[np.bool_]:
-    """Angles (pictures,) that go on for STILL pictures and more to within HELD of their deviations: what a codec repeats
-    while nothing moves is one picture with one error, and no new one tells of it.
+    """Angles (pictures,) that go on for STILL pictures and more to within HELD of their deviations: what a codec
+    repeats while nothing moves is one picture with one error, and no new one tells of it.
     """
     same = np.append(False, np.abs(np.diff(angles)) < HELD * deviations[1:]).astype(int)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same, [0]])))
@@ -96,8 +96,8 @@ def held(angles: Array, deviations: Array) -> NDArray[np.bool_]:
 def scatter(times: Array, angles: Array, period: float = 0.0, repeated: NDArray[np.bool_] | None = None) -> float:
     """Standard deviation of what is new in each of the angles (pictures,) at times [s], by their divided differences of
     a high order, in which a motion well below half the pictures' rate has no part; their median, so that no jump has
-    any; 0 where too few follow one another. period: of angles that go round, 0 for others. repeated: pictures (pictures,)
-    in which nothing is new (:func:`held`).
+    any; 0 where too few follow one another. period: of angles that go round, 0 for others. repeated: pictures in
+    which nothing is new, see :func:`held`.
 
     A codec keeps its errors from one picture to the next. Where pictures are many, every second, fourth and eighth tell
     it, too, as long as they are SLOWEST, and the largest of these counts. What grows by more than GROWS is the motion.
@@ -118,7 +118,7 @@ def scatter(times: Array, angles: Array, period: float = 0.0, repeated: NDArray[
 
 
 def _new(when: Array, seen: Array, old: NDArray[np.bool_], stride: int, usual: float) -> float:
-    """The same of every so many pictures, most of which are ``usual`` apart [s]; where most are old, they don't count."""
+    """The same of every so many pictures, most of which are ``usual`` apart [s], without windows most of which are old."""
     if len(when) < ENOUGH + ORDER * stride:
         return 0.0
     windows, values, repeats = (
