@@ -118,7 +118,7 @@ def scatter(times: Array, angles: Array, period: float = 0.0, repeated: NDArray[
 
 
 def _new(when: Array, seen: Array, old: NDArray[np.bool_], stride: int, usual: float) -> float:
-    """The same of every so many pictures, most of which are ``usual`` apart [s], without windows most of which are old."""
+    """The same of every so many pictures, most of which are ``usual`` apart [s]; windows of old ones don't count."""
     if len(when) < ENOUGH + ORDER * stride:
         return 0.0
     windows, values, repeats = (
