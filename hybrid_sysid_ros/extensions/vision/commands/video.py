@@ -117,7 +117,8 @@ def command(
     written = video_record.at_rate(record, rate or video_record.usual_rate(record))
     video_record.write(written, described, joint, bag, out, replace=overwrite, made_by=typed())
     _print(record, ahead, as_json=as_json)
-    tell.print(f"{out}: {len(written.stamps)} positions of {joint}")
+    lost = f", {record.footage.lost} of them without an angle" if record.footage.lost else ""
+    tell.print(f"{out}: {len(written.stamps)} positions of {joint} from {len(record.stamps)} pictures{lost}")
     if bag is not None:
         signals = out.with_name(f"{out.name}.signals.yaml")
         video_record.write_signals(signals, described, joint)
@@ -273,7 +274,8 @@ def _check_table(found: FilmCheck, name: str) -> Table:
     table = Table("", "found", "what to do", title=name)
     for finding in found.findings:
         style = "red" if finding.bad else "yellow" if finding.advice else ""
-        table.add_row(finding.what, finding.found, finding.advice or "good", style=style)
+        advice = f"can't be read as it is: {finding.advice}" if finding.bad else finding.advice or "good"
+        table.add_row(finding.what, finding.found, advice, style=style)
     return table
 
 

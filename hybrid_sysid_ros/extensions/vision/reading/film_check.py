@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.film import FilmFormat, format_of, pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
-from hybrid_sysid_ros.extensions.vision.reading.footage import DARK_FILM, picked
-from hybrid_sysid_ros.extensions.vision.reading.learning import BURNT, NARROWEST, WHITE
+from hybrid_sysid_ros.extensions.vision.reading.footage import picked
+from hybrid_sysid_ros.extensions.vision.reading.learning import BURNT, DARK_FILM, FEWEST, NARROWEST, WHITE
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.reading.turning_point import turning_point
 from hybrid_sysid_ros.support.arrays import Array
@@ -90,7 +90,9 @@ def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmC
     spread = np.percentile(film[:, ::2, ::2], 95, axis=0) - np.percentile(film[:, ::2, ::2], 5, axis=0)
     moving = np.kron(spread > MOVES * noise, np.ones((2, 2), dtype=bool))[: median.shape[0], : median.shape[1]]
     turns = turning_point(steadied)
-    findings += [*_joint(film, median, moving, noise), *_blur(steadied, moving, changes, exposure)]
+    joint = _joint(film, median, moving, noise, turns=turns is not None)
+    unknown = Finding(what="exposure", found="unknown: nothing is seen to move", advice="let the joint be seen to move")
+    findings += [joint, *([unknown] if joint.bad else _blur(steadied, moving, changes, exposure))]
     findings += [_pivot(turns, round(median.shape[1] / form.scale)), _square(marks)]
     motion = steadied.motion
     return FilmCheck(
@@ -116,8 +118,8 @@ def _size_and_rate(path: Path, form: FilmFormat, times: Array, sizes: set[tuple[
     seconds = float(times[-1] - times[0])
     few = len(times) < 2 * LOOKED_AT
     yield Finding(
-        what="rate", found=f"{rate:.4g} pictures/s, {len(times)} in {seconds:.3g} s", bad=len(times) < LOOKED_AT,
-        advice="film for ten seconds at least" if few
+        what="rate", found=f"{rate:.4g} pictures/s, {len(times)} in {seconds:.3g} s", bad=len(times) < FEWEST,
+        advice=f"film for ten seconds at least; {FEWEST} pictures are needed" if few
         else f"what is faster than {rate / 4:.2g} Hz is not seen: film at 30 pictures/s or more" if rate < SLOW else "",
     )  # fmt: skip
     bits = 8.0 * path.stat().st_size / (len(times) * form.height * form.width)
@@ -158,16 +160,16 @@ def _tripod(view: FilmView, refusal: str) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _joint(film: Film, median: Picture, moving: NDArray[np.bool_], noise: float) -> Iterator[Finding]:
-    if moving.mean() < LITTLE:
-        yield Finding(
+def _joint(film: Film, median: Picture, moving: NDArray[np.bool_], noise: float, *, turns: bool) -> Finding:
+    """How clearly the joint is seen to move. turns: whether anything does; a codec changes faint pixels at rest."""
+    differences = np.abs(film[:, moving].astype(np.float32) - median[moving]).max(axis=0)
+    contrast = float(np.median(differences)) / noise if moving.any() else 0.0
+    if moving.mean() < LITTLE or (contrast < CLEAR and not turns):
+        return Finding(
             what="motion", found="nothing moves that can be seen", bad=True,
             advice="move the rig, and let the joint differ from what is behind it",
         )  # fmt: skip
-        return
-    differences = np.abs(film[:, moving].astype(np.float32) - median[moving]).max(axis=0)
-    contrast = float(np.median(differences)) / noise
-    yield Finding(
+    return Finding(
         what="contrast", found=f"{contrast:.0f} times the noise of {noise:.2g} counts", bad=contrast < FAINT,
         advice="a joint of another brightness than the wall, more light" if contrast < CLEAR else "",
     )  # fmt: skip

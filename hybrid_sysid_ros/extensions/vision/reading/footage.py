@@ -15,7 +15,7 @@ from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS,
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
-from hybrid_sysid_ros.extensions.vision.reading.learning import FEWEST
+from hybrid_sysid_ros.extensions.vision.reading.learning import DARK_FILM, FEWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.reading.steadiness import GAP, steady_angles
 from hybrid_sysid_ros.extensions.vision.scene import Lamp
@@ -29,7 +29,6 @@ LOOKS, APART = 16, 10
 """Pictures, and how far apart, by which a moved camera is known; who comes by is in less than half of them."""
 FROZEN, JUMP = 3, 1.0
 """Pictures in a row that are the same to the last bit, and pixels of the sprite's end: a camera that hangs."""
-DARK_FILM = 25.0  # counts of 255
 MOST_EVEN = 0.05  # of a film's pictures that show nothing, here and there
 PLAIN = 12  # counts, by which the pixels of a picture differ at least that shows something: a film's black is not 0
 LEAP, RARE, LEAPS = 0.2, 3.0, 3

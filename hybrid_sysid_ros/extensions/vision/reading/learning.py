@@ -31,6 +31,7 @@ RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
 ROUNDS, MOST_ROUNDS = 4, 24
 """Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
 WHITE, BURNT = 250.0, 0.05  # counts of 255, and the share of pixels above, with which a film is over-exposed
+DARK_FILM = 25.0  # counts of 255
 DIM = 0.3  # of the light of most pictures: what is darker is left out
 UNSETTLED = 0.3
 """Pixels: a pivot that surely is still farther on its way, or moves more, bends the angles."""
@@ -115,7 +116,7 @@ def _first_layers(
     progress("first angles")
     angles, reach = _first_angles(film, lights, still, noise, tuple(pivot.tolist()), span)
     if not float(np.ptp(angles)) * reach > SMALLEST_SWING:
-        _refuse_white(still)
+        _refuse_light(still)
         raise UserError("nothing that turns is seen in the pictures: is it the rig's video, and does the rig move?")
     geometry = Geometry(
         rig=rig.name, joint=scene.joint, pivot_x=float(pivot[0]), pivot_y=float(pivot[1]), first_u=0.0, first_v=0.0,
@@ -154,7 +155,7 @@ def _improved(
             angles[k] = reading.angle if reading.found else angles[k]
         good = explained >= EXPLAINED
         if good.sum() < len(film) / 2:
-            _refuse_white(median_picture(film, lights))
+            _refuse_light(median_picture(film, lights))
             raise UserError(
                 f"what moves in the pictures is not one body that turns about a pivot: layers explain "
                 f"{good.sum()} of {len(film)} pictures; is it a video of {layers.geometry.rig}?"
@@ -174,8 +175,13 @@ def _lights(film: Film) -> Array:
     return np.asarray(np.maximum(found / max(float(found.mean()), 1e-9), 0.05))
 
 
-def _refuse_white(still: Array) -> None:
-    """Raise UserError where a film from which nothing can be learned is over-exposed."""
+def _refuse_light(still: Array) -> None:
+    """Raise UserError where a film from which nothing can be learned is too dark, or over-exposed."""
+    if (light := float(still.mean())) < DARK_FILM:
+        raise UserError(
+            f"nothing that turns can be told, as it is dark, {light:.0f} of 255 counts: film with more light, or a "
+            "longer exposure"
+        )
     if (white := float((still >= WHITE).mean())) > BURNT:
         raise UserError(
             f"nothing that turns can be told, as {white:.0%} of the pixels are white: film with less light, or a "

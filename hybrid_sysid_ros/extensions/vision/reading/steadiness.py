@@ -121,10 +121,9 @@ def _new(when: Array, seen: Array, old: NDArray[np.bool_], stride: int, usual: f
     """The same of every so many pictures, most of which are ``usual`` apart [s]; windows of old ones don't count."""
     if len(when) < ENOUGH + ORDER * stride:
         return 0.0
-    windows, values, repeats = (
-        sliding_window_view(item, ORDER * stride + 1)[:, ::stride] for item in (when, seen, old)
-    )
-    together = (np.diff(windows, axis=1).max(axis=1) < GAP * stride * usual) & (repeats.mean(axis=1) < 0.5)
+    windows, values = (sliding_window_view(item, ORDER * stride + 1)[:, ::stride] for item in (when, seen))
+    repeats = sliding_window_view(old, ORDER * stride + 1)[:, ::stride].mean(axis=1)
+    together = (np.diff(windows, axis=1).max(axis=1) < GAP * stride * usual) & (repeats < 0.5)
     if together.sum() < ENOUGH:
         return 0.0
     apart = windows[:, :, None] - windows[:, None, :]

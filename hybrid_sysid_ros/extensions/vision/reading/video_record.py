@@ -40,6 +40,7 @@ START = 1_000_000_000  # ns: the first stamp of a bag without another one to go 
 MOST_FILLED = 3  # pictures in a row without an angle that are filled in between their neighbours
 CLOCKS = 1e-3  # by which two clocks may differ in pace, at most
 OFF_SCALE = 0.01  # of a sensor's scale that is no other one than the picture's: seen 8 degrees beside the axis
+EARLY = 20  # of a picture's time, by which its last rows may be of an earlier moment than its rate says
 BENT = math.radians(0.03)  # of a film's angles beside a sensor's, that is said
 APART = 5.0  # deviations, by which lamp and motion may tell other shifts
 
@@ -212,7 +213,7 @@ def at_rate(record: VideoRecord, rate: float) -> VideoRecord:
     if rate < record.footage.rate:
         raise UserError(f"--rate {rate:g}: the film has {record.footage.rate:.4g} pictures a second: give that or more")
     period = round(1e9 / rate)
-    stamps = np.arange(record.stamps[0], record.stamps[-1] + 1, period)
+    stamps = np.arange(record.stamps[0], record.stamps[-1] + period // EARLY, period)  # the last one, too
     begin = record.stamps[0]
     spline = CubicSpline((record.stamps - begin) * 1e-9, record.positions)
     positions = np.asarray(spline((stamps - begin) * 1e-9))

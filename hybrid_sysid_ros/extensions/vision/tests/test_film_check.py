@@ -57,12 +57,22 @@ def test_a_sound_film_lacks_only_marks(frames: list[tuple[float, Picture]], tmp_
     [
         ("light", lambda picture: picture // 12, "dark"),
         ("motion", lambda picture: np.full_like(picture, 90), "move the rig"),
+        ("motion", lambda picture: np.clip(254.0 + picture / 255.0, 0, 255).astype(np.uint8), "move the rig"),
+        ("exposure", lambda picture: np.clip(254.0 + picture / 255.0, 0, 255).astype(np.uint8), "seen to move"),
     ],
 )
 def test_what_a_film_lacks_is_said(
     what: str, change: Callable[[Picture], Picture], words: str, frames: list[tuple[float, Picture]], tmp_path: Path
 ) -> None:
     assert words in _found(frames, tmp_path, change)[what].advice
+
+
+def test_noise_at_rest_is_no_motion(tmp_path: Path) -> None:
+    imager = Imager(scene_of(RIG), CAMERA, seed=1)
+    rest = [(time, imager.take(1.0, TIMES, 0.0 * TIMES)) for time in (0.1 + np.arange(70) / 30.0).tolist()]
+    found = _found(rest, tmp_path, lambda picture: picture)
+    assert found["motion"].bad
+    assert found["exposure"].found.startswith("unknown")
 
 
 def test_a_shaking_camera_is_said(frames: list[tuple[float, Picture]], tmp_path: Path) -> None:
