@@ -8,6 +8,7 @@ from hybrid_sysid_ros.extensions.commander.language import commands
 from hybrid_sysid_ros.extensions.commander.language.clauses import Quantity
 from hybrid_sysid_ros.extensions.commander.language.goals import Goals
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.notes import LITTLE, MORE
 from hybrid_sysid_ros.extensions.commander.language.values import described
 from hybrid_sysid_ros.rigs.units import FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
@@ -65,6 +66,8 @@ class Adjustments(Goals):
     def larger(self, factor: float) -> commands.Command:
         """The last swing, larger or more often. Raises UserError for two of these."""
         nouns = {*self.clause.nouns}
+        if self.clause.targets:
+            raise UserError("larger is of the last swing: say by how much the value goes up or down, as 'up a bit'")
         if len(nouns) > 1:
             raise UserError(f"{' and '.join(sorted(nouns))}: which? say one of them")
         self.clause.nouns, self.clause.comparatives = [], []
@@ -77,6 +80,9 @@ class Adjustments(Goals):
         quantity = self.take(lambda item: item.kind == "" or self.adjusted(item) == noun)
         share = clause.shares.pop() if clause.shares else None
         clause.nouns, clause.directions = [], []
+        if quantity is None and share is None and sign:  # "a bit more amplitude"
+            step, clause.bit = LITTLE if clause.bit else MORE, ""
+            return self.multiplied(noun, 1.0 + sign * step)
         if (quantity is None) == (share is None):
             raise UserError(f"{noun} to what? say for example 'swing with an amplitude of 1 {self.example} at 0.5 Hz'")
         if share is not None:

@@ -40,6 +40,9 @@ class ConditionReader(QuantityReader):
         if at_once or later or equals:
             self.at += begin + at_once if at_once else count + later
             side = side if at_once else other
+            if words[-1] in ("until", "till") and not (side or named) and self.moves():  # "up until it reaches 2 m"
+                self.found.append(Symbol("T", "to", start))
+                return True
             when = "once" if when == "if" and (event or not side) else when
             self.found += [Symbol("z", (when, side), start), *([] if at_once else named[:1])]
             return True
@@ -52,12 +55,17 @@ class ConditionReader(QuantityReader):
         words = tuple(self.words[self.at : self.at + begin])
         if words[-1] not in ("until", "till") or not self._number_follows(begin):
             return False
-        parts = "".join(symbol.kind for symbol in self.found).split(";")
-        verbs = [symbol.value for symbol in self.found if symbol.kind == "V"][-parts[-1].count("V") :]
-        moves = {"V", "U"} & {*parts[-1]} and not {"hold", "wait", "swing"} & {*verbs}
-        self.found.append(Symbol("T", "to", words[0]) if moves else Symbol("z", ("until", 0.0), " ".join(words)))
+        self.found.append(Symbol("T", "to", words[0]) if self.moves() else Symbol("z", ("until", 0.0), " ".join(words)))
         self.at += begin
         return True
+
+    def moves(self) -> bool:
+        """Whether the part that ends here leads somewhere."""
+        last = max((k for k, symbol in enumerate(self.found) if symbol.kind == ";"), default=-1)
+        part = self.found[last + 1 :]
+        verbs = {symbol.value for symbol in part if symbol.kind == "V"}
+        leads = bool(verbs) or any(symbol.kind == "U" for symbol in part)
+        return leads and not verbs & {"hold", "wait", "swing", "square", "triangle", "toggle", "repeat", "follow"}
 
     def _subject(self, count: int) -> tuple[int, list[Symbol], bool]:
         """How many words there are with those that say of what a condition is, which output, and whether it becomes so,

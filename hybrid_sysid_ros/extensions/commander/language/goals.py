@@ -43,6 +43,8 @@ class Goals(Values):
         self.refuse_turning(found)
         found += self.shares(sign)
         if not found and sign and self.clause.bit:
+            if [symbol.kind for symbol in self.clause.directions] == ["+"] and not self.clause.targets:
+                raise UserError(f"{self.clause.bit!r} more of what? say 'up a bit' or 'down a bit'")
             output = self.only(self.clause.targets, self.clause.bit)
             shown = self.vocabulary.outputs[output]
             found = [Goal(output=output, value=sign * BIT * 0.5 * (shown.high - shown.low), relative=True)]
@@ -75,7 +77,8 @@ class Goals(Values):
     def refuse_turning(self, found: list[Goal]) -> None:
         """Raise UserError for "reverse at 100 rpm"; a sign leaves no doubt."""
         turning = [share for share in self.clause.shares if share.factor < 0.0 and not share.of]
-        if turning and len(found) == 1 and self.turns(found[0]):
+        led = any(item.role == "to" for item in self.clause.quantities)  # "reverse to 10 rpm"
+        if turning and len(found) == 1 and not led and self.turns(found[0]):
             found[0] = replace(found[0], value=-found[0].value, turned=True)
         elif turning and found and found[0].value >= 0.0:
             shown = self.vocabulary.outputs[found[0].output]
@@ -165,7 +168,7 @@ class Goals(Values):
                 value = factor * shown.high if factor >= 0.0 else -factor * shown.low
                 found.append(Goal(output=output, value=value, toward=sign))
                 continue
-            elif not share.of and not halving:
+            elif not share.of and not halving and not (sign < 0.0 and share.role == "to" and factor < 1.0):
                 if factor > 1.0:
                     raise UserError(f"{share.text!r}: say 'double it', or 'repeat' for what was done once more")
                 raise UserError(

@@ -107,7 +107,8 @@ def _stage(
             commands *= rounds
             continue
         if not clause.verbs and any(_is_bare(item, clause, vocabulary, first=not k) for item in clause.quantities):
-            clause.verbs += _carried(commands, found[:k])
+            carried = _carried(commands, found[:k])
+            clause.verbs += [verb for verb in carried if verb.value != "hold" or not clause.directions]
         verbs = [symbol.value for symbol in clause.verbs]
         if clause.condition is not None or (clause.delay is not None and not commands):
             until, already = (
@@ -148,8 +149,10 @@ def _stage(
         lasting = clause.each is not None and _alone(clause) and verbs in (["hold"], ["wait"])  # "stay 5 s at each"
         if not ((clause.delay is not None and _alone(clause) and not verbs) or lasting):
             behind = _acts(commands) or (reached and verbs == ["hold"])
+            joint, clause.together = (clause.together, "") if commands else ("", clause.together)
             meaning = Meaning(clause, vocabulary, files, behind=behind)
-            commands = _repeated(commands, meaning.command(), meaning.times)
+            made = meaning.command()
+            commands = _joined(commands, made, joint) if joint else _repeated(commands, made, meaning.times)
         if clause.each is not None:
             commands = _held(commands, clause.each, Values(clause, vocabulary).time(clause.each))
     return Sentence(text=text, commands=tuple(commands))
@@ -172,6 +175,18 @@ def _all_again(sentence: Sentence, rounds: int) -> Sentence:
     if sentence.later is not None or sentence.stops:
         raise UserError(f"{rounds} times what waits or stops? say the parts without it")
     return replace(sentence, commands=sentence.commands * rounds)
+
+
+def _joined(before: list[Command], made: Command, said: str) -> list[Command]:
+    """Commands of which the last one and another move at the same time. Raises UserError for what can't."""
+    last = before[-1]
+    plain = [isinstance(each, Move) and each == Move(goals=each.goals, shape="smooth") for each in (last, made)]
+    if not (isinstance(last, Move) and isinstance(made, Move) and all(plain)):
+        raise UserError(f"{said!r}: say both values in one part, as in 'height 100 m and speed 10 m/s in 60 s'")
+    goals = (*last.goals, *made.goals)
+    if len({goal.output for goal in goals}) < len(goals):
+        raise UserError(f"{said!r}: one output has one value at a time: join the parts by 'then'")
+    return [*before[:-1], replace(last, goals=goals)]
 
 
 def _repeated(before: list[Command], made: Command, times: int) -> list[Command]:

@@ -74,6 +74,9 @@ class Lexicon:
         self._enter(found, "slow_to", (("V", "go"), ("U", -1.0), ("T", "to")))
         self._enter(found, "while_holding", ((";", "while"), ("V", "hold")))
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))
+        self._enter(found, "at_rest", (("n", "rest"), ("T", "to"), ("Q", (0.0, None))))
+        for category, sign in {"climb_to": 1.0, "sink_to": -1.0}.items():
+            self._enter(found, category, (("V", "go"), ("U", sign), ("h", "height"), ("T", "to")))
         self._enter(found, "level", (("n", "position"), ("V", "home")))
         self._enter(found, "back", (("y", "change"), ("V", "back")))
         for category, sign in {"back_up": 1.0, "back_down": -1.0}.items():

@@ -48,6 +48,10 @@ class Meaning(Adjustments):
             symbol.value for symbol in clause.verbs if symbol.text.split()[-1] == "be"
         }  # "let it be a square wave"
         general = {"go", *being, "step", "ramp", "back", *([] if clause.names else ["follow"])}  # "run a chirp"
+        if {"home", "hold"} <= {*found} and not self.left:  # "stay at the equilibrium"
+            found.remove("hold")
+        if found == ["chirp"] and not any(item.base == FREQUENCY for item in self.left) and self.span_in_time():
+            found = ["ramp"]  # "sweep from 1 to 2 m in 5 s"
         if set(found) & SPECIFIC:
             found = [verb for verb in found if verb not in general]
         if "chirp" in found and "swing" in found:  # "sweep sinusoidally"
@@ -62,6 +66,8 @@ class Meaning(Adjustments):
             found = ["back"]
         if found == ["back"]:
             found = ["undo" if self._returns() else "go"]
+        if found == ["repeat"] and clause.names:
+            found = ["follow"]  # "repeat moves twice"
         if found == ["follow"] and not clause.names and not self._alone():
             found, clause.displacing = ["go"], clause.verbs[-1]  # "run at 100 rpm", "fly 100 m"
         if not found and clause.names:
@@ -70,7 +76,7 @@ class Meaning(Adjustments):
             return "follow"  # "follow steps", where there is no such reference
         if (
             found in ([], ["go"])
-            and any(item.base == FREQUENCY for item in self.left)
+            and any(item.base == FREQUENCY or item.kind == "period" or item.role == "every" for item in self.left)
             and any(item.role in ("plus_minus", "between") for item in self.left)
         ):
             found = ["swing"]
@@ -95,11 +101,16 @@ class Meaning(Adjustments):
             )
         return found[0]
 
+    def span_in_time(self) -> bool:
+        """Whether a clause leads from one value to another one in a time."""
+        return {"range", "in"} <= self.roles or {"span", "in"} <= self.roles
+
     def _climbs(self, found: list[str]) -> bool:
         """Whether a clause asks for stairs: by the word, by what each step is, or by "up 1 m every 5 s"."""
         clause, roles = self.clause, self.roles
         said = clause.increment or clause.count_of_steps or "stairs" in found
-        return set(found) <= FLAT and bool(said or ("every" in roles and (clause.directions or "by" in roles)))
+        rises = clause.directions or "by" in roles or ("step" in found and roles & {"range", "to"})
+        return set(found) <= FLAT and bool(said or ("every" in roles and rises))
 
     def _returns(self) -> bool:
         """Whether "back" says nothing of where, but for "down again", which is where it was."""
@@ -150,6 +161,9 @@ class Meaning(Adjustments):
     def refuse_left(self, made: commands.Command) -> None:
         """Raise UserError for what the clause says and the command did not take."""
         clause = self.clause
+        if self.left and self.left[0].base == TIME and self.left[0].role == "" and isinstance(made, commands.Move):
+            text = self.left[0].text
+            raise UserError(f"{text!r}: in that time, or for so long? say 'in {text}' or 'for {text}'")
         if self.left:
             raise UserError(f"{self.verb} does not take {described(self.left[0])} here: leave it out")
         if clause.names:

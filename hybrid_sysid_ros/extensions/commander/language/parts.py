@@ -44,7 +44,10 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             made.append([])
         elif _waits(made[-1], symbol, found[k + 1 : k + 3]):
             made.append([symbol])
-        elif symbol.kind == ";" or (symbol.kind in "j," and _begins(before, following, found[k + 1 :], listed)):
+        elif symbol.kind == ";" or (
+            symbol.kind in "j,"
+            and _begins(before, following, found[k + 1 :], listed and not SWUNG & {each.value for each in made[-1]})
+        ):
             made.append([symbol] if symbol.value in ("then", "while") else [])
         elif symbol.kind != ",":
             made[-1].append(symbol)
@@ -74,6 +77,8 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
         return True
     if following in ("V", "y", ";"):
         return any(letter in "VUOKTMu" for letter in before)
+    if re.search("B(?:[KO]o?)?Q$", before):
+        return False  # "between 4 and 6 rad/s, 5 s each"
     if re.search("Q$" if listed else "Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
@@ -93,8 +98,10 @@ def _is_time(symbol: Symbol) -> bool:
 
 def _is_wait(part: Sequence[Symbol]) -> bool:
     """Whether a part says to wait, and how long."""
-    said = [symbol.value for symbol in part if symbol.kind == "V"]
-    return said == ["wait"] and any(symbol.kind == "Q" for symbol in part)
+    said, given = ([symbol for symbol in part if symbol.kind == kind] for kind in "VQ")
+    if [symbol.value for symbol in said] == ["hold"]:  # "stay 10 s, down to 0"
+        return len(given) == 1 and _is_time(given[0])
+    return [symbol.value for symbol in said] == ["wait"] and bool(given)
 
 
 def is_level(symbol: Symbol | None) -> bool:

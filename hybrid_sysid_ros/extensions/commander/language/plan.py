@@ -89,6 +89,11 @@ class _Plan(Draft):
                 f"stairs from {with_unit(first, output)} to {with_unit(last, output)} lead "
                 f"{'nowhere' if last == first else 'the other way'}: say 'from' where to where"
             )
+        if rise > abs(last - first) * (1.0 + 1e-9):
+            raise UserError(
+                f"steps of {with_unit(rise, output)} do not fit between {with_unit(first, output)} and "
+                f"{with_unit(last, output)}: say smaller ones, or 'step to' it"
+            )
         count = count or math.ceil(abs(last - first) / rise - 1e-9)
         levels = [first + way * (rise or abs(last - first) / count) * (step + 1) for step in range(count - 1)] + [last]
         for level in levels:

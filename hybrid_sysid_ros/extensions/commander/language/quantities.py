@@ -87,6 +87,9 @@ class QuantityReader:
         if unit is not None:
             value = self.with_part(value)
             value += self.smaller_time(unit)
+            if unit.base not in (TIME, FREQUENCY, COUNT) and (count := self.longest(self.lexicon.parts["steps"])):
+                self.at += count  # "in 2 m steps"
+                return Symbol("^", (value, unit), " ".join(token.text for token in self.tokens[start : self.at]))
         return Symbol("Q", (value, unit), " ".join(token.text for token in self.tokens[start : self.at]))
 
     def part_of(self) -> float:

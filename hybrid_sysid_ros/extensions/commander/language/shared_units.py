@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,7 +19,8 @@ LEVELS = ("to", "by", "from", "around", "plus_minus", "between", "range", "span"
 
 def with_units_of_lists(found: Sequence[Symbol]) -> list[Symbol]:
     """Symbols in which the numbers of a list have the unit of its last one, as in "50, 100 and 150 rpm"."""
-    made, unit, joined = list(found), None, False
+    made, unit, joined = list(found), None, re.search("Q,Q,Q", "".join(symbol.kind for symbol in found)) is not None
+    long = joined  # "50, 100, 150 rpm"
     for k in range(len(made) - 1, -1, -1):
         symbol = made[k]
         if symbol.kind == "Q":
@@ -26,11 +28,11 @@ def with_units_of_lists(found: Sequence[Symbol]) -> list[Symbol]:
             if own is None and unit is not None and joined:
                 made[k] = symbol._replace(value=(value, unit))
             else:
-                unit, joined = own if is_level(symbol) else None, False
+                unit, joined = own if is_level(symbol) else None, long
         elif symbol.kind == "j":
             joined = True
         elif symbol.kind != ",":
-            unit, joined = None, False
+            unit, joined = None, long
     return made
 
 

@@ -39,6 +39,8 @@ class StairsMeaning:
         if rise is not None and last is not None and count:
             raise UserError("how many steps, and how high each? leave one out")
         self.clause.directions = []
+        if rise is not None and rise.value <= 0.0:
+            raise UserError(f"{rise.text!r} is no height of a step: say one above 0, and 'up', 'down', or 'to' where")
         output = values.output(last or rise or begin)  # type: ignore[arg-type]  # one of them was given
         self.clause.targets = [k for k in self.clause.targets if k != output]
         return Staircase(

@@ -78,6 +78,10 @@ class SwingMeaning:
         frequency = values.take(lambda item: item.base == FREQUENCY and item.kind in ("", "frequency"))
         if frequency is None and (often := self.often()):
             return often, None
+        each = values.clause.each
+        if each is not None and each.base == TIME and self.shape == "square":  # "between 4 and 6 m, 5 s each"
+            values.clause.each = None
+            return self.above_zero(0.5 / values.time(each)), None
         period = values.take(lambda item: item.kind == "period")
         every = values.seconds("every")
         if sum(given is not None for given in (frequency, period, every)) > 1:

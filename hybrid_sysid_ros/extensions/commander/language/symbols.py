@@ -228,6 +228,8 @@ class _Reader(ConditionReader):
                 raise UserError(f"{said!r}: {reason}")
         if "x" in [kind for kind, _ in meanings] and said in self.vocabulary.words_of_names:
             raise UserError(f"{said!r}: the highest value, or a part of the rig? say 'to the maximum', or a value")
+        if ("n", "rest") in meanings and not self._in_time(len(said.split())):
+            raise UserError(f"{said!r}: now, or in which time? say 'stop', or 'to 0 in 5 s'")
         for noun in [value for kind, value in meanings if kind == "n"]:
             if not self.vocabulary.of_kind(noun):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
@@ -235,11 +237,18 @@ class _Reader(ConditionReader):
         for noun in [value for kind, value in meanings if kind == "h"]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
 
+    def _in_time(self, skip: int) -> bool:
+        """Whether a time follows, as in "to a stop in 5 s"."""
+        count = self.longest(self.lexicon.meanings, skip=skip)
+        said = self.lexicon.meanings.get(tuple(self.words[self.at + skip :][:count]), ())
+        return bool(said) and said[0][0] in "ILi" and self._number_follows(skip + count)
+
     def _applied(self, count: int) -> bool:
         """Whether "apply" is of a motion: "apply a step of 1 m"."""
         if tuple(self.words[self.at : self.at + count]) not in self.lexicon.parts["applied"]:
             return False
         skip = count + self.longest(self.lexicon.parts["articles"], skip=count)
+        skip += self._noun(skip)[0]  # "a reference step"
         words = tuple(self.words[self.at + skip :][: self.longest(self.lexicon.meanings, skip=skip)])
         return any(kind == "V" and value in SHAPES for kind, value in self.lexicon.meanings.get(words, ()))
 
@@ -261,7 +270,7 @@ class _Reader(ConditionReader):
 
     def _asks_to_follow(self) -> bool:
         verbs = [symbol.value for symbol in self.found if symbol.kind == "V"]
-        return bool(verbs) and verbs[-1] == "follow"
+        return bool(verbs) and verbs[-1] in ("follow", "repeat")
 
     def _verb_here(self) -> bool:
         """Whether a word that names an input, too, is a verb: it begins the clause, without an article, and no "at" is

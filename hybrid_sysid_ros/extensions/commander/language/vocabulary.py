@@ -147,6 +147,7 @@ class Vocabulary:
         wanted = {
             "speed": lambda k, si: si.per == 1, "height": lambda k, si: self.outputs[k].name == "height",
             "angle": lambda k, si: (si.base, si.per) == ("rad", 0),
+            "rest": lambda k, si: si.per == 1 and self.outputs[k].name not in self.rig.system.operating_point,
             "position": lambda k, si: si.per == 0 and self.outputs[k].name != "height", "value": lambda k, si: True,
         }[noun]  # fmt: skip
         return [k for k in self.tracked if wanted(k, self.units_of(k)[1])]
