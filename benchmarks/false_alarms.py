@@ -64,10 +64,10 @@ class Alarms:
         }
 
 
-def loop_of(rig: Rig, policy: str = "supervised") -> GuardedController:
+def loop_of(rig: Rig, policy: str = "supervised", distrust: str = "act") -> GuardedController:
     """With the model and the policy that come with the package."""
     model = load_model(shipped(rig.name, "model"), rig=rig.source)
-    return guarded_loop(rig, model, {"policy": policy, "certificate": "ignore"})
+    return guarded_loop(rig, model, {"policy": policy, "certificate": "ignore", "distrust": distrust})
 
 
 def bounded(rig: Rig, command: Array) -> Array:

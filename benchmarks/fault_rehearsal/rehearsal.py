@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.false_alarms import bounded, loop_of
+from benchmarks.fault_rehearsal.known_fault import KnownActuators, sound_readings
 from benchmarks.fault_rehearsal.signal_faults import LASTING, Fault, Moment
 from benchmarks.faults.observation import LONGEST_LOOK, MOVING, RESTRAINED, ROOM, WINDOW
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
@@ -27,9 +28,10 @@ class Rehearsal:
     tolerance: of the tracking error's rms over WINDOW (p,) [SI], from a loop without a fault.
     """
 
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
-        self.loop = loop_of(rig)
+    def __init__(self, rig: Rig, *, known: bool = False) -> None:
+        """known: the loop knows each fault from its first sample on, and the guard has nothing to do."""
+        self.rig, self.known = rig, known
+        self.loop = loop_of(rig, **({"distrust": "tell"} if known else {}))
         self.estimator, self.period = self.loop.estimator, 1.0 / defaults(rig, "estimator")["rate"]
         self.tracked = np.array(defaults(rig, "controller")["output_weight"]) > 0.0
         self.turn = 1.0 / MOVING[rig.name]["frequency"]
@@ -107,7 +109,7 @@ class Rehearsal:
         reads = fault.reads() if fault.reads else None
         acts = fault.acts() if fault.acts else None
         tells = fault.tells() if fault.tells else None
-        told = loop.input.copy()
+        told, known = loop.input.copy(), KnownActuators(fault, rig.limits, loop.guard.settings.alike)
         first, count = round(begin / period), round(lasting / period)
         for k in range(round(seconds / period)):
             time, number = k * period, k - first
@@ -115,15 +117,17 @@ class Rehearsal:
             readings = plant.sensed().copy()
             error = (self.reference(np.array([time]))[0] - plant.outputs()) * self.tracked
             if wrong and reads is not None:
-                readings = reads(moment, readings)
+                shown = reads(moment, readings.copy())
+                readings = sound_readings(readings, shown) if self.known else shown
             estimate = self.estimator.update(time, readings, told)
             now = time + loop.lead
             references = self.reference(np.array([now]))[0], self.reference(now + loop.times)
             applied = told = bounded(rig, loop.control(estimate, told, *references, period))
             if wrong and acts is not None:
+                applied = known.command(moment, applied) if self.known else applied
                 applied = np.clip(acts(moment, applied.copy()), low, high)
-                told = applied.copy() if fault.told else told
-            if wrong and tells is not None:
+                told = applied.copy() if fault.told or self.known else told
+            if wrong and tells is not None and not self.known:
                 told = tells(moment, applied.copy())
             for _ in range(steps):
                 plant.advance(applied)

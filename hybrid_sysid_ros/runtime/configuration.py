@@ -13,7 +13,7 @@ import numpy as np
 from hybrid_sysid_ros.control import Controller, ControlProblem
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.safety.failsafe import Ladder
-from hybrid_sysid_ros.control.safety.guard import GuardSettings
+from hybrid_sysid_ros.control.safety.guard import GuardSettings, acting_alike
 from hybrid_sysid_ros.control.safety.guarding import RECENT
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.waiting_inputs import WaitingInputs
@@ -297,10 +297,10 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
     low, high = rig.limits
     known = state_bounds(rig)
     state_low, state_high = np.array([known.get(item.name, FREE) for item in system.states]).T
-    stops = stops_of(rig)
+    stops, stabiliser = stops_of(rig), rig.experiments.stabiliser
     return GuardSettings(
         act=values["distrust"] == "act",
-        stabilised=rig.experiments.stabiliser is not None,
+        stabilised=stabiliser is not None,
         ladder=Ladder(values["slow_after"], values["hold_after"], values["rest_after"]),
         slow_share=values["slow_share"],
         resume_rate=np.array([abs(rate) or cross for rate, cross in zip(rates, crossing, strict=True)]),
@@ -315,6 +315,7 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
         rate=input_rates(listed(values, "input_rate", "parameter", len(rig.actuators)), rig),
         state_low=state_low,
         state_high=state_high,
+        alike=acting_alike(np.zeros((len(low), 1)) if stabiliser is None else stabiliser, high - low),
         stops=np.array([float(item.name in stops) for item in system.states]),
     )
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_continuous_are
 
 from hybrid_sysid_ros.control.safety.failsafe import (
     AGAIN,
@@ -16,7 +17,7 @@ from hybrid_sysid_ros.control.safety.failsafe import (
     judge_evidence,
 )
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, lead_from
-from hybrid_sysid_ros.control.safety.guard import Guard, GuardSettings
+from hybrid_sysid_ros.control.safety.guard import Guard, GuardSettings, acting_alike
 from hybrid_sysid_ros.control.safety.guarding import RETURN
 from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.estimation.sensor_monitoring import MISSING
@@ -33,7 +34,7 @@ def guard(**changes):
         "recent": RECENT * STEP, "reach": (np.array([-3.0]), np.array([np.nan])),
         "low": np.array([-10.0]), "high": np.array([10.0]), "rate": np.array([np.inf]),
         "state_low": np.array([-1.0, -np.inf]), "state_high": np.array([1.0, np.inf]),
-        "stops": np.zeros(2), **changes,
+        "stops": np.zeros(2), "alike": np.zeros((1, 1)), **changes,
     }  # fmt: skip
     return Guard(GuardSettings(**given))
 
@@ -348,3 +349,43 @@ def test_a_rig_that_has_fallen_is_said_to_have_fallen_whatever_else_is_wrong():
     judge(found, 100, doubt=5.0)
     judge(found, 100, doubt=5.0, state=(-1.0, 0.0))
     assert "travel" in found.reason
+
+
+def test_inputs_act_alike_where_their_rows_of_an_lqr_are_parallel():
+    """Two actuators of one effect: SciPy's gains, with Bryson's weights, tell by how much one makes up for the other."""
+    state, one, ranges = np.array([[0.0, 1.0], [9.0, 0.0]]), np.array([0.0, 2.0]), np.array([4.0, 1.0])
+    effect = np.column_stack([one, -3.0 * one])
+    weights = np.diag(1.0 / ranges**2)
+    cost = solve_continuous_are(state, effect, np.eye(2), weights)
+    gains = np.linalg.solve(weights, effect.T @ cost)
+    assert acting_alike(gains, ranges) == pytest.approx(np.array([[0.0, -3.0], [-1.0 / 3.0, 0.0]]))
+
+
+def test_inputs_of_other_effects_make_up_for_none():
+    assert not acting_alike(np.array([[1.0, 0.0], [0.0, 1.0]]), np.ones(2)).any()
+    assert not acting_alike(np.array([[1.0, 2.0], [0.0, 0.0]]), np.ones(2)).any(), "one that the stabiliser does not use"
+
+
+def pair(**changes):
+    """A guard of two inputs that do the same."""
+    both = {"low": np.full(2, -10.0), "high": np.full(2, 10.0), "rate": np.full(2, np.inf)}
+    return guard(**both, stabilised=True, alike=np.array([[0.0, 1.0], [1.0, 0.0]]), **changes)
+
+
+def test_an_input_makes_up_for_one_that_is_off_what_it_was_sent():
+    found = pair()
+    found.commanded(np.array([2.0, 2.0]))
+    found.judge(0.0, 0.0, NONE, np.array([7.0, 2.0]), np.zeros(2), STEP)
+    assert found.followed(np.array([3.0, 3.0]), np.zeros(2), STEP).tolist() == [3.0, -1.0]
+    assert found.followed(np.array([-9.0, -9.0]), np.zeros(2), STEP).tolist() == [-9.0, -10.0], "within its bounds"
+    found.judge(0.0, 0.0, NONE, np.array([7.0, 7.0]), np.zeros(2), STEP)
+    assert found.followed(np.array([3.0, 3.0]), np.zeros(2), STEP).tolist() == [3.0, 3.0], "none is left that could"
+    found.judge(0.0, 0.0, NONE, np.array([2.0, 2.0]), np.zeros(2), STEP)
+    assert found.followed(np.array([3.0, 3.0]), np.zeros(2), STEP).tolist() == [3.0, 3.0]
+
+
+def test_a_guard_that_only_tells_makes_up_for_nothing():
+    found = pair(act=False)
+    found.commanded(np.array([2.0, 2.0]))
+    found.judge(0.0, 0.0, NONE, np.array([7.0, 2.0]), np.zeros(2), STEP)
+    assert found.followed(np.array([3.0, 3.0]), np.zeros(2), STEP).tolist() == [3.0, 3.0]

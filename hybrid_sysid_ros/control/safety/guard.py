@@ -27,6 +27,9 @@ CAUSES = (*REASONS.values(), LEFT_OUT, REVERSED)
 """Words of a guard's causes."""
 OUTSIDE = 0.02  # of a state's range, by which it may be beyond the end without being evidence
 
+PARALLEL = 0.99
+"""Cosine from which on two rows of a stabiliser are parallel."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GuardSettings:
@@ -57,8 +60,24 @@ class GuardSettings:
     """(n,), the lowest states that the rig's travel and validity allow, minus infinity where nothing is said."""
     state_high: Array
     """(n,)."""
+    alike: Array
+    """(m, m): by how much input i makes up for what input j lacks, 0 where it does not; see :func:`acting_alike`."""
     stops: Array
     """(n,), 1 where these are stops at which the rig has fallen, beyond what its stabiliser can lift; 0 elsewhere."""
+
+
+def acting_alike(gains: Array, ranges: Array) -> Array:
+    """By how much input i makes up for what input j lacks (m, m), from a stabiliser's gains K (m, n) and the inputs'
+    ranges R (m,): R_i^2 k_j / (R_j^2 k_i) for parallel rows k, else 0, and for i = j.
+
+    An LQR's row is k_i = r_i^-1 b_i' P, and Bryson's rule sets r_i^-1 to R_i^2: so b_i' P tells what an input does to
+    its cost.
+    """
+    effects = gains / np.square(ranges)[:, None]
+    products, sizes = effects @ effects.T, np.linalg.norm(effects, axis=1)
+    across = np.outer(sizes, sizes)
+    parallel = (across > 0.0) & (np.abs(products) > PARALLEL * across) & ~np.eye(len(ranges), dtype=bool)
+    return np.divide(products, np.square(sizes)[:, None], out=np.zeros_like(products), where=parallel)
 
 
 class Guard:
@@ -96,6 +115,7 @@ class Guard:
             outputs=[GovernedOutput(*item) for item in outputs],
             sent=[item.middle for item in inputs] * guarding.REMEMBERED,
             replaced=[-math.inf] + [math.inf] * (guarding.REMEMBERED - 1),
+            alike=settings.alike.ravel().tolist(),
         )
 
     def go_on(self, other: Guard) -> None:
@@ -199,8 +219,9 @@ class Guard:
         return np.array(found)
 
     def followed(self, inputs: Array, before: Array, elapsed: float) -> Array:
-        """What the actuators can follow of a command (m,), ``elapsed`` [s] after another one (m,)."""
+        """What the actuators can follow of a command (m,), ``elapsed`` [s] after another one (m,), and make up for."""
         found = inputs.tolist()
+        guarding.make_up(self.memory, found)
         guarding.limit_rates(self.memory, found, before.tolist(), elapsed)
         return np.array(found)
 

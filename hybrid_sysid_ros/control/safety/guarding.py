@@ -75,7 +75,7 @@ class GuardedInput:
     rest. missed, asked: mean squares of what it was off its commands, and of these. sent, acted: means of its commands
     and of what acted. power, spread, common: the variance of the commands, the sum of both, and twice their covariance.
     trim: what is added to commands. opposes: whether it is sent the opposite. turned_back: whether it was, and is not
-    any more, since there was evidence first.
+    any more, since there was evidence first. acts: what acted last, NaN where that is near its commands.
     """
 
     low: float
@@ -93,6 +93,7 @@ class GuardedInput:
     trim: float = 0.0
     opposes: bool = False
     turned_back: bool = False
+    acts: float = math.nan
 
 
 @dataclass(slots=True)
@@ -123,6 +124,8 @@ class GuardMemory(NamedTuple):
     """(REMEMBERED m,): the newest commands, in a ring."""
     replaced: Floats
     """(REMEMBERED,): how long ago each was replaced [s]; the newest one never was."""
+    alike: Floats
+    """(m m,): by how much input i changes for what input j lacks, row by row; see :func:`make_up`."""
 
 
 def judge(
@@ -246,6 +249,7 @@ def _judge_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> Non
                 _turn_opposite(guard, j)
                 _trim(guard, j, applied[j], low, high, elapsed)
         tolerance = inputs[j].tolerance
+        inputs[j].acts = applied[j] if core.act and away > tolerance else math.nan
         inputs[j].missed += share * (away * away - inputs[j].missed)
         inputs[j].asked += share * (asked * asked - inputs[j].asked)
         most = max(most, away / tolerance)
@@ -329,6 +333,16 @@ def put_on_trial(guard: GuardMemory, inputs: Floats) -> None:
         low, high, middle = guard.inputs[j].low, guard.inputs[j].high, guard.inputs[j].middle
         room = (0.5 * tried if tried < 1.0 else 1.0) * (high - low)
         inputs[j] = min(max(min(max(inputs[j], middle - room), middle + room), low), high)
+
+
+def make_up(guard: GuardMemory, inputs: Floats) -> None:
+    """Let inputs (m,), in place, make up for those that are off their commands: u_i + a_ij (u_j - what j did last)."""
+    m = len(guard.inputs)
+    for j in range(m):
+        for i in range(m):
+            if math.isfinite(guard.inputs[j].acts) and not math.isfinite(guard.inputs[i].acts):
+                u = inputs[i] + guard.alike[i * m + j] * (inputs[j] - guard.inputs[j].acts)
+                inputs[i] = min(max(u, guard.inputs[i].low), guard.inputs[i].high)
 
 
 def limit_rates(guard: GuardMemory, inputs: Floats, before: Floats, elapsed: float) -> None:

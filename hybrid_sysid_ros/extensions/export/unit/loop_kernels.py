@@ -77,6 +77,7 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
             assign(inputs, loop.plan)
         if core.share < 1.0 or core.tried < 1.0:
             guarding.slow(guard, inputs, rest)
+    guarding.make_up(guard, inputs)
     guarding.limit_rates(guard, inputs, loop.command, progress.elapsed)
     assign(loop.command, inputs)
     guarding.remember(guard, loop.command)
