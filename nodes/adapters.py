@@ -232,7 +232,7 @@ class ControllerAdapter:
         """The level that the guard allows after an estimate, ``elapsed`` [s] after the one before."""
         *applied, doubt, without, turned = self.validity.read(joints.names, joints.lists)
         self.incomplete = without > 0.0
-        return self.guard.judge(doubt, without, turned, np.array(applied), self.state, elapsed)
+        return self.guard.judge(doubt, without, turned, np.array(applied), self.disturbance, self.state, elapsed)
 
     def at_rest(self) -> Array:
         """Inputs at rest (m,) for the newest state; see :meth:`.guard.Guard.rest_of`."""

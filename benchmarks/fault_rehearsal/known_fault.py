@@ -1,5 +1,6 @@
 """Known fault: what a loop sends and reads that knows a fault from its first sample on. No loop can know more, so what
-such a loop loses says how much a failsafe can be asked for."""
+such a loop loses says how much a failsafe can be asked for.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ class KnownActuators:
     """
 
     def __init__(self, fault: Fault, limits: tuple[Array, Array], alike: Array) -> None:
-        """alike (m, m): see :func:`~hybrid_sysid_ros.control.safety.guard.acting_alike`."""
+        """limits: lowest and highest inputs (m,). alike (m, m): of a guard's settings."""
         self.fault, self.alike = fault, alike
         self.low, self.high = limits
         self._random = np.random.default_rng(0)

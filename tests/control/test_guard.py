@@ -40,7 +40,10 @@ def guard(**changes):
 
 
 def judge(found, steps, *, doubt=0.0, without=0.0, reversed=NONE, applied=UNKNOWN, state=(0.0, 0.0)):
-    return [found.judge(doubt, without, reversed, applied, np.array(state), STEP) for _ in range(steps)]
+    return [
+        found.judge(doubt, without, reversed, applied, np.zeros(len(applied)), np.array(state), STEP)
+        for _ in range(steps)
+    ]
 
 
 def test_evidence_climbs_the_ladder_one_level_after_the_other():
@@ -169,7 +172,7 @@ def test_an_actuator_has_the_same_time_at_any_rate_of_commands(step):
     found.commanded(np.array([8.0]))
     late = []
     for _ in range(round(2.0 * allowed / step)):
-        found.judge(0.0, 0.0, NONE, np.zeros(1), np.zeros(2), step)
+        found.judge(0.0, 0.0, NONE, np.zeros(1), np.zeros(1), np.zeros(2), step)
         found.commanded(np.array([8.0]))
         late.append(found.evidence["actuator"] > 0.0)
     assert late.index(True) * step == pytest.approx(allowed, abs=2.0 * step)
@@ -325,7 +328,7 @@ def test_what_no_actuator_does_leaves_its_commands_numbers(acted):
     actuator = found.memory.inputs[0]
     for elapsed in (0.0, STEP, STEP):
         found.commanded(wanted)
-        found.judge(0.0, 0.0, NONE, np.array([acted]), np.zeros(2), elapsed)
+        found.judge(0.0, 0.0, NONE, np.array([acted]), np.zeros(1), np.zeros(2), elapsed)
         assert np.isfinite([actuator.trim, actuator.common, actuator.spread]).all()
     assert np.isfinite(found.slowed(wanted, np.zeros(1))).all()
 
@@ -352,7 +355,7 @@ def test_a_rig_that_has_fallen_is_said_to_have_fallen_whatever_else_is_wrong():
 
 
 def test_inputs_act_alike_where_their_rows_of_an_lqr_are_parallel():
-    """Two actuators of one effect: SciPy's gains, with Bryson's weights, tell by how much one makes up for the other."""
+    """SciPy's gains, with Bryson's weights, tell by how much one of two with one effect makes up for the other."""
     state, one, ranges = np.array([[0.0, 1.0], [9.0, 0.0]]), np.array([0.0, 2.0]), np.array([4.0, 1.0])
     effect = np.column_stack([one, -3.0 * one])
     weights = np.diag(1.0 / ranges**2)
@@ -363,7 +366,9 @@ def test_inputs_act_alike_where_their_rows_of_an_lqr_are_parallel():
 
 def test_inputs_of_other_effects_make_up_for_none():
     assert not acting_alike(np.array([[1.0, 0.0], [0.0, 1.0]]), np.ones(2)).any()
-    assert not acting_alike(np.array([[1.0, 2.0], [0.0, 0.0]]), np.ones(2)).any(), "one that the stabiliser does not use"
+    assert not acting_alike(np.array([[1.0, 2.0], [0.0, 0.0]]), np.ones(2)).any(), (
+        "one that the stabiliser does not use"
+    )
 
 
 def pair(**changes):
@@ -375,17 +380,31 @@ def pair(**changes):
 def test_an_input_makes_up_for_one_that_is_off_what_it_was_sent():
     found = pair()
     found.commanded(np.array([2.0, 2.0]))
-    found.judge(0.0, 0.0, NONE, np.array([7.0, 2.0]), np.zeros(2), STEP)
+    found.judge(0.0, 0.0, NONE, np.array([7.0, 2.0]), np.zeros(2), np.zeros(2), STEP)
     assert found.followed(np.array([3.0, 3.0]), np.zeros(2), STEP).tolist() == [3.0, -1.0]
     assert found.followed(np.array([-9.0, -9.0]), np.zeros(2), STEP).tolist() == [-9.0, -10.0], "within its bounds"
-    found.judge(0.0, 0.0, NONE, np.array([7.0, 7.0]), np.zeros(2), STEP)
+    found.judge(0.0, 0.0, NONE, np.array([7.0, 7.0]), np.zeros(2), np.zeros(2), STEP)
     assert found.followed(np.array([3.0, 3.0]), np.zeros(2), STEP).tolist() == [3.0, 3.0], "none is left that could"
-    found.judge(0.0, 0.0, NONE, np.array([2.0, 2.0]), np.zeros(2), STEP)
+    found.judge(0.0, 0.0, NONE, np.array([2.0, 2.0]), np.zeros(2), np.zeros(2), STEP)
     assert found.followed(np.array([3.0, 3.0]), np.zeros(2), STEP).tolist() == [3.0, 3.0]
 
 
 def test_a_guard_that_only_tells_makes_up_for_nothing():
     found = pair(act=False)
     found.commanded(np.array([2.0, 2.0]))
-    found.judge(0.0, 0.0, NONE, np.array([7.0, 2.0]), np.zeros(2), STEP)
+    found.judge(0.0, 0.0, NONE, np.array([7.0, 2.0]), np.zeros(2), np.zeros(2), STEP)
     assert found.followed(np.array([3.0, 3.0]), np.zeros(2), STEP).tolist() == [3.0, 3.0]
+
+
+@pytest.mark.parametrize("stabilised", [False, True])
+def test_above_a_stabiliser_an_estimate_reports_an_input_that_is_far_off(stabilised):
+    """The plan is of constant disturbances, which the answers of a stabiliser to its actuator are not."""
+    found, disturbance = guard(stabilised=stabilised), np.array([6.0])
+    found.commanded(np.array([5.0]))
+    found.judge(0.0, 0.0, NONE, np.array([5.0]), disturbance, np.zeros(2), STEP)
+    assert disturbance.tolist() == [0.0 if stabilised else 6.0]
+    assert (found.evidence["actuator"] > 5.0) is stabilised
+    found.judge(0.0, 0.0, NONE, np.array([5.0]), disturbance := np.array([0.9]), np.zeros(2), STEP)
+    assert disturbance.tolist() == [0.9], "within the tolerance, it is the plan's"
+    found.judge(0.0, 0.0, NONE, np.array([np.nan]), disturbance := np.array([6.0]), np.zeros(2), STEP)
+    assert disturbance.tolist() == [6.0], "nothing is known of what it adds to"

@@ -9,7 +9,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.controller import Controller
-from hybrid_sysid_ros.control.safety import guarding
+from hybrid_sysid_ros.control.safety import commanding, guarding
 from hybrid_sysid_ros.control.safety.failsafe import Evidence, Failsafe, Ladder, LoopState
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, come_back, lead_from
 from hybrid_sysid_ros.control.safety.guarding import GuardedInput, GuardMemory, GuardRecord, StateRange
@@ -133,18 +133,23 @@ class Guard:
         self.memory = own._replace(kinds=old.kinds, sent=old.sent, replaced=old.replaced)
 
     def judge(
-        self, doubt: float, without: float, reversed: float, applied: Array, state: Array, elapsed: float
-    ) -> LoopState:
+        self, doubt: float, without: float, reversed: float, applied: Array, disturbance: Array, state: Array,
+        elapsed: float,
+    ) -> LoopState:  # fmt: skip
         """The level from an estimate. doubt, without, reversed: of the estimator, NaN where it says nothing. applied
-        (m,): inputs that acted, NaN where that is not known. state (n,). elapsed: since the last estimate [s].
+        (m,): inputs that acted, NaN where that is not known. disturbance (m,), of these, in place: what the controller
+        has to take into account; see :func:`.guarding.report`. state (n,). elapsed: since the last estimate [s].
         """
-        given = applied.tolist(), state.tolist(), elapsed
+        acted, disturbances = applied.tolist(), disturbance.tolist()
+        guarding.report(self.memory, acted, disturbances)
+        disturbance[:] = disturbances
+        given = acted, state.tolist(), elapsed
         return LoopState(guarding.judge(self.memory, doubt, without, reversed, *given))
 
     def turned(self, inputs: Array) -> Array:
-        """See :func:`.guarding.turn`."""
+        """See :func:`.commanding.turn`."""
         found = inputs.tolist()
-        guarding.turn(self.memory, found)
+        commanding.turn(self.memory, found)
         return np.array(found)
 
     def lead_from(self, outputs: Array) -> None:
@@ -162,7 +167,7 @@ class Guard:
         if not isinstance(controller, Cascade) or not np.isfinite(state).all() or not self.may_stabilise:
             return rest
         inputs = controller.held(state).tolist()
-        guarding.put_on_trial(self.memory, inputs)
+        commanding.put_on_trial(self.memory, inputs)
         return np.array(inputs)
 
     @property
@@ -204,7 +209,7 @@ class Guard:
         if level is LoopState.DRIVING and self.is_free:
             return preview
         governed = preview.ravel().tolist()
-        guarding.govern(self.memory, level, now.tolist(), found.tolist(), governed, times.tolist(), elapsed)
+        commanding.govern(self.memory, level, now.tolist(), found.tolist(), governed, times.tolist(), elapsed)
         return np.array(governed).reshape(preview.shape)
 
     @property
@@ -215,16 +220,16 @@ class Guard:
     def slowed(self, inputs: Array, rest: Array) -> Array:
         """A command (m,) that stays as near to the inputs at rest (m,) as it must."""
         found = inputs.tolist()
-        guarding.slow(self.memory, found, rest.tolist())
+        commanding.slow(self.memory, found, rest.tolist())
         return np.array(found)
 
     def followed(self, inputs: Array, before: Array, elapsed: float) -> Array:
         """What the actuators can follow of a command (m,), ``elapsed`` [s] after another one (m,), and make up for."""
         found = inputs.tolist()
-        guarding.make_up(self.memory, found)
-        guarding.limit_rates(self.memory, found, before.tolist(), elapsed)
+        commanding.make_up(self.memory, found)
+        commanding.limit_rates(self.memory, found, before.tolist(), elapsed)
         return np.array(found)
 
     def commanded(self, inputs: Array) -> None:
         """Remember a command (m,) that was sent."""
-        guarding.remember(self.memory, inputs.tolist())
+        commanding.remember(self.memory, inputs.tolist())

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hybrid_sysid_ros.control.safety.failsafe import AGAIN, NOTHING, Evidence, Failsafe, LoopState, judge_evidence
-from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor, follow_reference, follow_state
+from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor
 from hybrid_sysid_ros.estimation.measurement_sequence import LARGEST_INPUT
 from hybrid_sysid_ros.estimation.reversed_input import NONE
 from hybrid_sysid_ros.estimation.sensor_monitoring import MISSING
@@ -110,7 +110,7 @@ class StateRange:
 
 class GuardMemory(NamedTuple):
     """The memory of a guard of n states, m inputs, p outputs. core, failsafe, governor: one record each. Commands are
-    what is to act: see :func:`turn`.
+    what is to act: see :func:`.commanding.turn`.
     """
 
     core: Sequence[GuardRecord]
@@ -125,7 +125,17 @@ class GuardMemory(NamedTuple):
     replaced: Floats
     """(REMEMBERED,): how long ago each was replaced [s]; the newest one never was."""
     alike: Floats
-    """(m m,): by how much input i changes for what input j lacks, row by row; see :func:`make_up`."""
+    """(m m,): by how much input i changes for what input j lacks, row by row; see :func:`.commanding.make_up`."""
+
+
+def report(guard: GuardMemory, applied: Floats, disturbance: Floats) -> None:
+    """Above a stabiliser, let the estimate report what inputs (m,) do, in place, whose disturbance (m,) is beyond the
+    tolerance: what a stabiliser sends changes faster than a plan, which takes disturbances for constant.
+    """
+    for j in range(len(guard.inputs)):
+        is_off = abs(disturbance[j]) > guard.inputs[j].tolerance
+        if guard.core[0].act and guard.core[0].stabilised and is_off and math.isfinite(applied[j]):
+            applied[j], disturbance[j] = applied[j] + disturbance[j], 0.0
 
 
 def judge(
@@ -180,15 +190,6 @@ def _turn_past(guard: GuardMemory, j: int) -> None:
     guard.inputs[j].sent, guard.inputs[j].common = -guard.inputs[j].sent, -guard.inputs[j].common
     for i in range(REMEMBERED):
         guard.sent[i * len(guard.inputs) + j] = -guard.sent[i * len(guard.inputs) + j]
-
-
-def turn(guard: GuardMemory, inputs: Floats) -> None:
-    """Make of what is to act (m,), in place, what has to be sent for that, within its bounds, or the reverse: an input
-    that acts reversed, as the estimate or its own report says, has the other sign.
-    """
-    for j in range(len(guard.inputs)):
-        if (guard.core[0].reversed == j) != guard.inputs[j].opposes:
-            inputs[j] = min(max(-inputs[j], guard.inputs[j].low), guard.inputs[j].high)
 
 
 def doubts_actuators(guard: GuardMemory, after: float) -> bool:
@@ -305,59 +306,3 @@ def _follow_response(item: GuardedInput, sent: float, acted: float, soon: float,
     item.power += share * (a * a - item.power)
     item.spread += share * (a * a + b * b - item.spread)
     item.common += share * (2.0 * a * b - item.common)
-
-
-def govern(
-    guard: GuardMemory, level: int, now: Floats, found: Floats, preview: Floats, times: Floats, elapsed: float
-) -> None:
-    """Let a preview (points p,), in place, move as a level allows; now and found (p,): see :mod:`.governor`."""
-    governor, outputs = guard.governor[0], guard.outputs
-    follow_state(governor, outputs, level > 0, now, found)
-    if not governor.free:
-        share = 0.0 if level >= 2 else guard.core[0].slow_share if level > 0 else 1.0
-        follow_reference(governor, outputs, now, preview, times, share, elapsed, level > 0)
-
-
-def slow(guard: GuardMemory, inputs: Floats, rest: Floats) -> None:
-    """Keep inputs (m,), in place, as near to those at rest (m,) as they must be."""
-    for j in range(len(guard.inputs)):
-        room = 0.5 * guard.core[0].share * (guard.inputs[j].high - guard.inputs[j].low)
-        inputs[j] = min(max(inputs[j], rest[j] - room), rest[j] + room) + guard.inputs[j].trim
-    put_on_trial(guard, inputs)
-
-
-def put_on_trial(guard: GuardMemory, inputs: Floats) -> None:
-    """Keep inputs (m,), in place, within their bounds, and as small as they must be where an actuator is on trial."""
-    tried = guard.core[0].tried
-    for j in range(len(guard.inputs)):
-        low, high, middle = guard.inputs[j].low, guard.inputs[j].high, guard.inputs[j].middle
-        room = (0.5 * tried if tried < 1.0 else 1.0) * (high - low)
-        inputs[j] = min(max(min(max(inputs[j], middle - room), middle + room), low), high)
-
-
-def make_up(guard: GuardMemory, inputs: Floats) -> None:
-    """Let inputs (m,), in place, make up for those that are off their commands: u_i + a_ij (u_j - what j did last)."""
-    m = len(guard.inputs)
-    for j in range(m):
-        for i in range(m):
-            if math.isfinite(guard.inputs[j].acts) and not math.isfinite(guard.inputs[i].acts):
-                u = inputs[i] + guard.alike[i * m + j] * (inputs[j] - guard.inputs[j].acts)
-                inputs[i] = min(max(u, guard.inputs[i].low), guard.inputs[i].high)
-
-
-def limit_rates(guard: GuardMemory, inputs: Floats, before: Floats, elapsed: float) -> None:
-    """Keep inputs (m,), in place, as near to those before (m,) as the actuators can follow in a time [s]."""
-    for j in range(len(guard.inputs)):
-        if guard.inputs[j].rate < math.inf:
-            reach = guard.inputs[j].rate * max(elapsed, 0.0)
-            inputs[j] = min(max(inputs[j], before[j] - reach), before[j] + reach)
-
-
-def remember(guard: GuardMemory, inputs: Floats) -> None:
-    """Remember a command (m,) that was sent."""
-    core, m = guard.core[0], len(guard.inputs)
-    guard.replaced[core.row] = 0.0
-    core.row = (core.row + 1) % REMEMBERED
-    guard.replaced[core.row] = -math.inf
-    for j in range(m):
-        guard.sent[core.row * m + j] = inputs[j]

@@ -45,9 +45,9 @@ class GuardedController:
         """The command (m,) for an estimate, ``elapsed`` [s] after the one before. applied (m,): inputs that acted. now
         (p,), preview (horizon, p): the reference when the command acts, and at ``times`` from then on [SI].
         """
-        guard, estimator, state = self.guard, self.estimator, estimate.ahead
+        guard, estimator, state, disturbance = self.guard, self.estimator, estimate.ahead, estimate.disturbance.copy()
         validity = estimator.doubt, estimator.without, estimator.reversal.reversed
-        self.level = level = guard.judge(*validity, estimator.acting(applied), state, elapsed)
+        self.level = level = guard.judge(*validity, estimator.acting(applied), disturbance, state, elapsed)
         before = guard.turned(self.input)
         rest = guard.rest_of(self.controller, state, self._rest)
         if level is LoopState.RESTING:
@@ -60,7 +60,7 @@ class GuardedController:
                 self.controller.reset()
                 guard.come_back(found)
             preview = guard.reference(level, now, found, preview, self.times, elapsed)
-            self.plan = plan = self.controller.control(state, estimate.disturbance, before, preview)
+            self.plan = plan = self.controller.control(state, disturbance, before, preview)
             command = guard.slowed(plan.input, rest) if guard.slows else plan.input
         acting = guard.followed(command, before, elapsed)
         guard.commanded(acting)

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.control.cascade import ROUNDING
 from hybrid_sysid_ros.control.mpc import calls
 from hybrid_sysid_ros.control.mpc.calls import prepare_mpc, solve_instance
 from hybrid_sysid_ros.control.mpc.linearisation import assign
-from hybrid_sysid_ros.control.safety import guarding
+from hybrid_sysid_ros.control.safety import commanding, guarding
 from hybrid_sysid_ros.control.safety.governor import come_back, lead_from
 from hybrid_sysid_ros.control.safety.supervision import answer_supervised, begin_supervision, prepare_supervised
 from hybrid_sysid_ros.control.waiting_inputs import (
@@ -39,6 +39,7 @@ def judge(loop: PrintedLoop) -> None:
     ahead = loop.out[n : n + core.states]
     doubt, missing, which = progress.doubt, progress.without, progress.reversed
     turn_applied(loop)
+    guarding.report(loop.guard, loop.applied, loop.instance.disturbance)
     guarding.judge(loop.guard, doubt, missing, which, loop.applied, ahead, progress.elapsed)
     turn_applied(loop)
 
@@ -54,7 +55,7 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
     core = guard.core[0]
     inputs, rest = np.zeros(m), np.zeros(m)
     find_rest(loop, rest)
-    guarding.turn(guard, loop.command)
+    commanding.turn(guard, loop.command)
     if core.level >= RESTING:
         progress.returning, progress.status = 1, RESTED
         assign(inputs, rest)
@@ -66,7 +67,7 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
             forget_plan(loop)
             come_back(guard.governor[0], guard.outputs, loop.outputs)
         if governed:
-            guarding.govern(guard, core.level, loop.now, loop.outputs, loop.preview, loop.times, progress.elapsed)
+            commanding.govern(guard, core.level, loop.now, loop.outputs, loop.preview, loop.times, progress.elapsed)
         assign(loop.instance.previous, loop.command)
         if loop.gains.shape[0] > 0:
             stabilise(loop, inputs)
@@ -76,12 +77,12 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
             answer(loop)
             assign(inputs, loop.plan)
         if core.share < 1.0 or core.tried < 1.0:
-            guarding.slow(guard, inputs, rest)
-    guarding.make_up(guard, inputs)
-    guarding.limit_rates(guard, inputs, loop.command, progress.elapsed)
+            commanding.slow(guard, inputs, rest)
+    commanding.make_up(guard, inputs)
+    commanding.limit_rates(guard, inputs, loop.command, progress.elapsed)
     assign(loop.command, inputs)
-    guarding.remember(guard, loop.command)
-    guarding.turn(guard, loop.command)
+    commanding.remember(guard, loop.command)
+    commanding.turn(guard, loop.command)
     progress.noted = 1
 
 
@@ -96,24 +97,24 @@ def find_rest(loop: PrintedLoop, inputs: Array) -> None:
         if known:
             for j in range(len(inputs)):
                 inputs[j] = held(loop, j, 0.0)
-            guarding.put_on_trial(guard, inputs)
+            commanding.put_on_trial(guard, inputs)
 
 
 def find_plan_at_rest(loop: PrintedLoop) -> None:
     """:func:`find_rest`, in place of the plan's first inputs."""
     find_rest(loop, loop.plan)
-    guarding.turn(loop.guard, loop.plan)
+    commanding.turn(loop.guard, loop.plan)
 
 
 def sent(loop: PrintedLoop) -> None:
     """Take in that the command that was sent is another one."""
     progress, guard, m = loop.progress[0], loop.guard, len(loop.command)
-    guarding.turn(guard, loop.command)
+    commanding.turn(guard, loop.command)
     if progress.noted == 0:
-        guarding.remember(guard, loop.command)
+        commanding.remember(guard, loop.command)
     for j in range(m):
         guard.sent[guard.core[0].row * m + j] = loop.command[j]
-    guarding.turn(guard, loop.command)
+    commanding.turn(guard, loop.command)
     progress.noted = 0
 
 
