@@ -78,6 +78,15 @@ def test_own_limits_come_before_those_of_the_rig(limited: Rig) -> None:
     assert guard.state_high.tolist() == [limited.travel[1, 0], 0.5]
 
 
+def test_a_stated_resume_rate_holds_from_wherever_the_rig_is(rig: Rig) -> None:
+    """Otherwise a rig beyond its set-points has been driven there, and comes back from the nearest one."""
+    values = configuration.defaults("cam_beam", "controller")
+    for rate, is_free in ((0.0, False), (30.0, True)):
+        settings = configuration.guard_settings(values | {"resume_rate": [rate]}, rig, rig.system)
+        assert np.isnan(settings.reach).all() == is_free
+    assert settings.resume_rate == pytest.approx(30.0 * rig.display[0].scale)
+
+
 def test_references_stay_within_travel_and_validity(limited: Rig) -> None:
     narrow = dataclasses.replace(limited, validity=np.array([[-0.1, -math.inf], [0.2, math.inf]]))
     assert narrow.reach[:, 0].tolist() == pytest.approx([-0.1 + 0.02 * 0.3, 0.2 - 0.02 * 0.3])

@@ -361,7 +361,7 @@ def test_inputs_act_alike_where_their_rows_of_an_lqr_are_parallel():
     weights = np.diag(1.0 / ranges**2)
     cost = solve_continuous_are(state, effect, np.eye(2), weights)
     gains = np.linalg.solve(weights, effect.T @ cost)
-    assert acting_alike(gains, ranges) == pytest.approx(np.array([[0.0, -3.0], [-1.0 / 3.0, 0.0]]))
+    assert acting_alike(gains, ranges) == pytest.approx(np.array([[1.0, -3.0], [-1.0 / 3.0, 1.0]]))
 
 
 def test_inputs_of_other_effects_make_up_for_none():
@@ -374,7 +374,7 @@ def test_inputs_of_other_effects_make_up_for_none():
 def pair(**changes):
     """A guard of two inputs that do the same."""
     both = {"low": np.full(2, -10.0), "high": np.full(2, 10.0), "rate": np.full(2, np.inf)}
-    return guard(**both, stabilised=True, alike=np.array([[0.0, 1.0], [1.0, 0.0]]), **changes)
+    return guard(**both, stabilised=True, alike=np.ones((2, 2)), **changes)
 
 
 def test_an_input_makes_up_for_one_that_is_off_what_it_was_sent():
@@ -397,9 +397,9 @@ def test_a_guard_that_only_tells_makes_up_for_nothing():
 
 
 @pytest.mark.parametrize("stabilised", [False, True])
-def test_above_a_stabiliser_an_estimate_reports_an_input_that_is_far_off(stabilised):
+def test_an_estimate_reports_an_input_of_a_stabiliser_that_is_far_off(stabilised):
     """The plan is of constant disturbances, which the answers of a stabiliser to its actuator are not."""
-    found, disturbance = guard(stabilised=stabilised), np.array([6.0])
+    found, disturbance = guard(alike=np.full((1, 1), float(stabilised))), np.array([6.0])
     found.commanded(np.array([5.0]))
     found.judge(0.0, 0.0, NONE, np.array([5.0]), disturbance, np.zeros(2), STEP)
     assert disturbance.tolist() == [0.0 if stabilised else 6.0]

@@ -68,7 +68,7 @@ class GuardSettings:
 
 def acting_alike(gains: Array, ranges: Array) -> Array:
     """By how much input i makes up for what input j lacks (m, m), from a stabiliser's gains K (m, n) and the inputs'
-    ranges R (m,): R_i^2 k_j / (R_j^2 k_i) for parallel rows k, else 0, and for i = j.
+    ranges R (m,): R_i^2 k_j / (R_j^2 k_i) for parallel rows k, else 0; so 1 for i = j that the stabiliser uses.
 
     An LQR's row is k_i = r_i^-1 b_i' P, and Bryson's rule sets r_i^-1 to R_i^2: so b_i' P tells what an input does to
     its cost.
@@ -76,7 +76,7 @@ def acting_alike(gains: Array, ranges: Array) -> Array:
     effects = gains / np.square(ranges)[:, None]
     products, sizes = effects @ effects.T, np.linalg.norm(effects, axis=1)
     across = np.outer(sizes, sizes)
-    parallel = (across > 0.0) & (np.abs(products) > PARALLEL * across) & ~np.eye(len(ranges), dtype=bool)
+    parallel = (across > 0.0) & (np.abs(products) > PARALLEL * across)
     return np.divide(products, np.square(sizes)[:, None], out=np.zeros_like(products), where=parallel)
 
 

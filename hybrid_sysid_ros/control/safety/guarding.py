@@ -129,12 +129,13 @@ class GuardMemory(NamedTuple):
 
 
 def report(guard: GuardMemory, applied: Floats, disturbance: Floats) -> None:
-    """Above a stabiliser, let the estimate report what inputs (m,) do, in place, whose disturbance (m,) is beyond the
+    """Let the estimate report what inputs (m,) of a stabiliser do, in place, whose disturbance (m,) is beyond the
     tolerance: what a stabiliser sends changes faster than a plan, which takes disturbances for constant.
     """
-    for j in range(len(guard.inputs)):
-        is_off = abs(disturbance[j]) > guard.inputs[j].tolerance
-        if guard.core[0].act and guard.core[0].stabilised and is_off and math.isfinite(applied[j]):
+    m = len(guard.inputs)
+    for j in range(m):
+        is_off = guard.alike[j * m + j] > 0.0 and abs(disturbance[j]) > guard.inputs[j].tolerance
+        if guard.core[0].act and is_off and math.isfinite(applied[j]):
             applied[j], disturbance[j] = applied[j] + disturbance[j], 0.0
 
 
