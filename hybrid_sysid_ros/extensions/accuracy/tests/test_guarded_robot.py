@@ -22,9 +22,10 @@ def robot():
     return rig, guarded_loop(rig, model, {"policy": "exact"})
 
 
-def driven_loop(robot, *, spikes=0.0, push=0.0):
+def driven_loop(robot, *, spikes=0.0, push=0.0, left=lambda counts: counts, measured=True):
     """States of the loop, how often each sensor was left out, and the tilts: with spikes of the gyroscope in a SHARE of
-    the readings from BEGIN to END, or a tilt rate that is another one at BEGIN [rad/s].
+    the readings from BEGIN to END, a tilt rate that is another one at BEGIN [rad/s], or a left motor that does other
+    things with its counts from BEGIN to END. measured: and says so.
     """
     rig, loop = robot
     plant, random = Plant(rig, seed=3), np.random.default_rng(3)
@@ -40,10 +41,14 @@ def driven_loop(robot, *, spikes=0.0, push=0.0):
             plant.state[states.index("tilt_rate")] += push
         estimate = loop.estimator.update(k * PERIOD, readings, inputs)
         inputs = loop.control(estimate, inputs, now, np.tile(now, (loop.controller.horizon, 1)), PERIOD).copy()
+        acting = inputs.copy()
+        if BEGIN <= k * PERIOD < END:
+            acting[0] = left(acting[0])
+        inputs = acting if measured else inputs
         levels.add(loop.level)
         tilts.append(plant.state[states.index("tilt")])
         for _ in range(rig.steps(PERIOD, "the period")):
-            plant.advance(inputs)
+            plant.advance(acting)
     return levels, loop.estimator.monitor.counts, np.abs(tilts)
 
 
@@ -84,3 +89,16 @@ def test_a_push_is_no_fault_of_the_gyroscope(robot):
     _, left_out, tilt = driven_loop(robot, push=PUSH)
     assert sum(left_out) == 0
     assert tilt.max() < 0.5
+
+
+@pytest.mark.parametrize("stuck", [-165.0, 0.0, 165.0])
+def test_one_wheel_balances_the_robot_where_the_other_one_says_that_it_is_stuck(robot, stuck):
+    """Both wheels push the body alike: the sum of their counts keeps it upright, whatever its yaw does."""
+    _, _, tilt = driven_loop(robot, left=lambda counts: stuck)
+    assert tilt.max() < 0.4
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.3])
+def test_one_wheel_balances_the_robot_where_the_other_one_is_weak_and_does_not_say_so(robot, gain):
+    _, _, tilt = driven_loop(robot, left=lambda counts: gain * counts, measured=False)
+    assert tilt.max() < 0.4
