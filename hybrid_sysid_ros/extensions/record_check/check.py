@@ -18,6 +18,7 @@ from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.relation import wanders
 from hybrid_sysid_ros.extensions.record_check.response import response_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
+from hybrid_sysid_ros.identification.shooting import fastest_growth
 from hybrid_sysid_ros.rigs.rig import Rig
 
 QUIET = 0.02
@@ -35,7 +36,6 @@ STILL = 0.5
 def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     """All findings, the costliest first. Raises UserError for a record that does not fit the rig."""
     signals, found = signals_of(record, rig), list[RecordFinding]()
-
     for signal in signals:
         found += sample_findings(signal, list(record.input.T))
     if any(signal.is_input and signal.span > 0.0 for signal in signals):
@@ -47,6 +47,8 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
         if expected is not None:
             responses += levels_cut_off(record, rig, signals, expected)
             responses += () if responses else response_findings(record, rig, signals, expected)
+        elif (growth := fastest_growth(rig.system)) > 0.0 and rig.experiments.stabiliser is None:
+            found.append(_of_unstable_law(growth))
         found += map(_of_guess, responses) if is_guessed(rig) else responses
         found = [item for item in (of_held_input(item, record, rig, expected) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
@@ -65,6 +67,16 @@ def _unrelated(record: Record, signals: list[CheckedSignal]) -> Iterator[RecordF
                 words=f"{signal.name} walks at random at every time scale, and the inputs explain nothing of it",
                 cure="is it the right column, of the same experiment? what wanders by itself, a model can't simulate",
             )  # fmt: skip
+
+
+def _of_unstable_law(growth: float) -> RecordFinding:
+    """No free run can be compared with a record of a rig that a loop holds."""
+    return RecordFinding(
+        kind="unstable law", cost=0.75,
+        words=f"by the rig's law an error grows by e in {1.0 / growth:.2g} s, so that no free run follows the record",
+        cure="name the gains of the loop that holds the rig (experiments.stabiliser in rig.yaml), so that fits take "
+        "short windows",
+    )  # fmt: skip
 
 
 def _of_guess(item: RecordFinding) -> RecordFinding:

@@ -7,6 +7,7 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import rollouts
 from hybrid_sysid_ros.identification.experiment import prepare
+from hybrid_sysid_ros.identification.shooting import fastest_growth
 from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -18,6 +19,8 @@ MOST_STEPS = 1_000_000
 PUSH, UNSTABLE = 1e-6, 1e3
 """Share of a first state by which a second run begins elsewhere, and growth of the runs' distance that only an unstable
 rig shows: a free run of such a rig says nothing of its record."""
+FELL = 5.0
+"""Motion in that of the record, from which a rig that is unstable at rest fell, and no loop held it."""
 
 
 def expected_outputs(record: Record, rig: Rig) -> Array | None:
@@ -46,6 +49,9 @@ def expected_outputs(record: Record, rig: Rig) -> Array | None:
     push = PUSH * np.maximum(np.abs(experiment.states).max(axis=0), PUSH)
     found, pushed = run(first.copy()), run(first + push)
     if not (np.isfinite(found).all() and np.isfinite(pushed).all() and len(found) == record.samples):
+        return None
+    fell = np.ptp(found, axis=0) > FELL * np.ptp(record.output, axis=0)
+    if fell.any() and fastest_growth(rig.system) > 0.0:
         return None
     distance = np.abs(pushed - found).max(axis=1)
     return found if distance[-1] < UNSTABLE * max(distance[: max(len(distance) // 50, 2)].max(), 1e-300) else None

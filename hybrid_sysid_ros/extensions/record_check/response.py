@@ -114,7 +114,8 @@ def _judged(
     if drift is not None and abs(drift) * len(good) > max(3.0, 0.15 * apart):
         yield RecordFinding(
             kind="clock drift", cost=min(0.79, 0.7 + 0.002 * abs(drift) * len(good)),
-            words=f"{signal.name} gets later by {1e3 * drift:.3g} ms a second: two clocks, {abs(drift):.2%} apart",
+            words=f"{signal.name} gets {'later' if drift > 0.0 else 'earlier'} by {1e3 * abs(drift):.3g} ms a second: "
+            f"two clocks, {abs(drift):.2%} apart",
             cure=f"say so in import.yaml: drift: {drift:.3g} of the output's column, or stamp both with one clock",
         )  # fmt: skip
         return
@@ -189,8 +190,10 @@ def _differences(
         yield RecordFinding(
             kind="delay", cost=min(0.79, 0.5 + 0.3 * abs(found.lag) / (10 * apart)),
             words=f"{signal.name} answers {shown} {way} than the rig's physics say",
-            cure=f"shift: {round(found.lag)} of its column in import.yaml; or "
-            + ("give the rig that delay, if it is real" if late > 0 else "the rig's law is slower, if it is a guess"),
+            cure=f"shift: {round(found.lag)} of its column in import.yaml; or give the rig that delay, if it is real"
+            if late > 0
+            else f"shift: {round(-found.lag)} of the inputs' columns in import.yaml, if these are late; or the law is "
+            "slower than the rig: correct its numbers",
         )  # fmt: skip
     apart_from, at = signal.values - expected, np.arange(len(expected))
     line = np.polyfit(at, apart_from, 1)
@@ -312,8 +315,8 @@ def _exchanged(record: Record, rig: Rig, output: CheckedSignal, expected: Array)
         return None
     apart = time_of_change(expected)
     straight = best_alignment(output.values, expected, ~output.spoilt, apart, 8 * apart)
-    if straight.correlation > CLEAR and straight.lag > -1.5:
-        return None
+    if straight.correlation > CLEAR and (straight.lag > -1.5 or is_guessed(rig)):
+        return None  # a stable guess of what is unstable in a loop answers early
     low, high = rig.limits
     driving = (record.output - record.output.mean()) / np.ptp(record.output) * (high - low) + 0.5 * (high + low)
     other = expected_outputs(replace(record, input=driving, output=record.input), rig)

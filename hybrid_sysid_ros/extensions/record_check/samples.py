@@ -30,6 +30,10 @@ STEP, SOON, RARE = 8.0, 12, 0.3
 """Change of an input, in its usual one, from which it is a step; samples within which an output rings from it; and
 share of a record's samples, below which it is no chance that spikes are among them.
 """
+AS_FAR, RINGING = 0.3, 12
+"""Share of a spike that a sample on the other side has, and samples within which it has, where a resonance rings."""
+FROZEN, FEW = 20, 0.01
+"""Equal samples in a row of a sensor that froze, and least share of these; others are equal in at most that share."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -103,7 +107,7 @@ def sample_findings(signal: CheckedSignal, inputs: Sequence[Array] = ()) -> Iter
         signal.explained = True
         yield from beyond
         return
-    found = list(_clipped(signal)) + list(_held(signal))
+    found = list(_clipped(signal)) + list(_held(signal)) + list(_frozen(signal))
     if not (signal.is_input or found):
         found += _spikes(signal, inputs)
         found += _hum(signal)
@@ -198,6 +202,28 @@ def _held(signal: CheckedSignal) -> Iterator[RecordFinding]:
             return
 
 
+def _frozen(signal: CheckedSignal) -> Iterator[RecordFinding]:
+    """A sensor with noise, which never shows a value twice, that does so for long."""
+    if signal.is_input:
+        return
+    y, same = signal.values, np.append(False, np.diff(signal.values) == 0.0)
+    starts, lengths = runs_of(same)
+    inside = (y[starts] < y.max()) & (y[starts] > y.min())
+    long = inside & (lengths >= FROZEN)
+    lost = float(lengths[long].sum()) / len(same)
+    if lost < FEW or float(np.mean(same)) - lost > FEW:
+        return
+    for start, size in zip(starts[long].tolist(), lengths[long].tolist(), strict=True):
+        signal.spoilt[start : start + size] = True
+    first, seconds = int(starts[long][0]), float(lengths[long][0]) * signal.period
+    yield RecordFinding(
+        kind="frozen", cost=min(0.79, 0.55 + 0.5 * lost),
+        words=f"{signal.name} stays at {signal.shown(y[first])} for {seconds:.3g} s from {signal.at(first)} on, "
+        f"{lost:.1%} of the record, where it else never shows a value twice",
+        cure="leave that part out (--part), and look for the sensor's cable or a full buffer",
+    )  # fmt: skip
+
+
 def _spikes(signal: CheckedSignal, inputs: Sequence[Array]) -> Iterator[RecordFinding]:
     """Samples far away from both neighbours, and far more than others are, unless each answers a step of an input."""
     y = signal.values
@@ -209,6 +235,7 @@ def _spikes(signal: CheckedSignal, inputs: Sequence[Array]) -> Iterator[RecordFi
     first, length = runs_of(far)
     back = np.abs(y[np.minimum(first + length, len(y) - 1)] - y[np.maximum(first - 1, 0)])
     first = first[(length <= 3) & (back < 0.5 * away[first])]
+    first = first[[not _rings(y - median_filter(y, 7, mode="nearest"), k) for k in first.tolist()]]
     answers = any(_follow_steps(first, values) for values in inputs)
     if len(first) and not answers and far.mean() < 0.04:
         signal.spoilt |= far
@@ -219,6 +246,12 @@ def _spikes(signal: CheckedSignal, inputs: Sequence[Array]) -> Iterator[RecordFi
             f"{signal.at(worst)}",
             cure="repair the wiring or the driver; leave those parts out (--part)",
         )  # fmt: skip
+
+
+def _rings(away: Array, k: int) -> bool:
+    """Whether a sample that is far away swings to the other side near by, as a resonance does."""
+    near = away[max(k - RINGING, 0) : k + RINGING + 1]
+    return bool((-np.sign(away[k]) * near > AS_FAR * abs(away[k])).any())
 
 
 def _moves(values: Array) -> float:

@@ -107,3 +107,16 @@ def test_values_beyond_all_numbers_make_no_warnings():
         (found,) = sample_findings(CheckedSignal(name="a", unit="1", values=values, period=0.01, is_input=False))
         findings_of(replace(record(), output=1e300 * record().output), hs.load_rig(RIG))
     assert found.kind == "impossible values"
+
+
+def test_a_sensor_with_noise_that_repeats_itself_froze_and_a_resonance_rings():
+    random, k = np.random.default_rng(2), np.arange(2000)
+    noisy = np.sin(0.003 * k) + 0.01 * random.normal(size=len(k))
+    noisy[900:1000] = noisy[900]
+    frozen = CheckedSignal(name="y", unit="K", values=noisy, period=300.0, is_input=False)
+    (found,) = sample_findings(frozen)
+    assert found.kind == "frozen"
+    assert "2.97e+04 s from sample 901" in found.words
+    assert frozen.spoilt.sum() == 99
+    ringing = 1.5 * np.exp(-k / 60.0) * np.sin(2.0 * np.pi * k / 11.0) + 0.005 * random.normal(size=len(k))
+    assert list(sample_findings(CheckedSignal(name="y", unit="m", values=ringing, period=1e-4, is_input=False))) == []

@@ -44,6 +44,15 @@ def test_a_rig_that_a_loop_holds_upright_is_not_compared_with_its_fall():
     assert "no relation" not in [item.kind for item in findings_of(held, hs.load_rig("balancing_robot"))]
 
 
+def test_an_unstable_law_whose_loop_nobody_names_is_said_to_be_one():
+    rig = hs.load_rig("balancing_robot")
+    held = bags.read(ROOT / "bags" / "balancing_robot_multisine", rig.signals)
+    nameless = replace(rig, experiments=replace(rig.experiments, stabiliser=None))
+    (found,) = [item for item in findings_of(held, nameless) if item.kind == "unstable law"]
+    assert "an error grows by e in" in found.words
+    assert "experiments.stabiliser" in found.cure
+
+
 def test_each_fault_is_named_first():
     r, random = record(), np.random.default_rng(0)
     y, u, t = r.output, r.input, r.time
