@@ -107,7 +107,8 @@ def sample_findings(signal: CheckedSignal, inputs: Sequence[Array] = ()) -> Iter
         signal.explained = True
         yield from beyond
         return
-    found = list(_clipped(signal)) + list(_held(signal)) + list(_frozen(signal))
+    found = list(_clipped(signal)) + list(_held(signal))
+    found += () if found else _frozen(signal)
     if not (signal.is_input or found):
         found += _spikes(signal, inputs)
         found += _hum(signal)

@@ -18,7 +18,9 @@ from hybrid_sysid_ros.extensions.state_space.refinement import (
     Refined,
     acting,
     calm,
+    linear_radius,
     refine,
+    shrunk,
     unit_states,
     weights_of,
     without_last,
@@ -31,6 +33,10 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.threads import alone
 
+UNSTABLE_GAIN = 0.1
+"""Share of the squared error by which an unstable model has to be better than the best that is not: noise takes an
+integrator for a pole on either side of the circle.
+"""
 Progress = Callable[[str, int, float], None]
 
 
@@ -81,6 +87,12 @@ def identify_state_space(
         calmed = [*stretches, calm(start.level, met, len(inputs))]
         best = _refined(weights_of(start, linear), linear, calmed, selection, settings, "linear", tell)
         best = without_last(best, linear, stretches)
+        if linear_radius(best.weights, linear) > 1.0:
+            held = shrunk(best.weights, linear, 1.0)
+            calmer = _refined(held, linear, calmed, selection, settings, "stable", tell, widest=1.0)
+            calmer = without_last(calmer, linear, stretches)
+            if calmer.mean_square < (1.0 + UNSTABLE_GAIN) * best.mean_square:
+                best = replace(calmer, evaluations=best.evaluations + calmer.evaluations)
         count, sizes = best.evaluations, replace(linear, units=settings.units, power=settings.power)
 
         def system_of(fit: Refined) -> StateSpace:
@@ -208,6 +220,7 @@ def _refined(
     stage: str,
     tell: Progress,
     firsts: Array | None = None,
+    widest: float = np.inf,
 ) -> Refined:
     first_guess, starts = unit_states(weights, sizes, stretches, firsts)
     return refine(
@@ -218,6 +231,7 @@ def _refined(
         ridge=settings.ridge,
         iterations=200,
         firsts=starts,
+        widest=widest,
         progress=lambda count, error: tell(stage, count, error) if count % 10 == 1 else None,
     )
 

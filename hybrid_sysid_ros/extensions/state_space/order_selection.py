@@ -14,8 +14,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 BLOCKS = 5
 """Blocks into which the records are cut; each is held out in turn."""
-MOST = 1.02
-"""The smallest order is taken whose error is at most so many times the least one."""
+MOST, CHANCE = 1.02, 1.1
+"""The smallest order is taken whose error is at most so many times the least one, for sure and by chance."""
 EXACT = 1e-6
 """Errors below it are rounding."""
 ORDERS = (1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60)
@@ -96,8 +96,10 @@ def select_order(
 ) -> Selection:
     """The order, and whether the input acts at once, by the error in held-out blocks of the records.
 
-    Each block is scored by the model of all others, from the start that its first ``known`` samples tell. through:
-    whether the input acts at once; None: the blocks decide. Raises UserError where no simulation stays finite.
+    Each block is scored by the model of all others, from the start that its first ``known`` samples tell. The order is
+    the lowest whose error is near the least: within MOST or, where the excess is no more than a standard error over the
+    blocks, within CHANCE (Breiman, Friedman, Olshen & Stone 1984, Classification and Regression Trees, section 3.4.3).
+    through: whether the input acts at once; None: the blocks decide. Raises UserError where no simulation stays finite.
     """
     m, p = stretches[0][0].shape[1], stretches[0][1].shape[1]
     rows = rows_for(max(orders))
@@ -135,8 +137,14 @@ def select_order(
     finite = [trial for trial in trials if np.isfinite(trial.error)]
     if not finite:
         raise UserError("state space: no order gives a model whose simulation stays finite; check the record")
-    least = min(trial.error for trial in finite)
-    order = next(trial.order for trial in finite if trial.error <= max(MOST * least, EXACT))
+    best = min(finite, key=lambda trial: trial.error)
+
+    def is_enough(trial: TriedOrder) -> bool:
+        more = squares[trial.order] - squares[best.order]
+        is_chance = more.mean() <= more.std(ddof=1) / np.sqrt(len(more))
+        return trial.error <= max((CHANCE if is_chance else MOST) * best.error, EXACT)
+
+    order = next(trial.order for trial in finite if is_enough(trial))
     if through is None:
         gain = errors(order, directs, False) - squares[order]
         through = gain.mean() > SURE * gain.std(ddof=1) / np.sqrt(len(gain))

@@ -94,13 +94,15 @@ def refine(
     iterations: int = 50,
     tolerance: float = 1e-4,
     firsts: Array | None = None,
+    widest: float = np.inf,
     progress: Any = None,
 ) -> Refined:
     """Weights that make the squared errors of the simulations over all stretches least, each from a first state that is
     fitted too.
 
     ridge: weight of the squared weights of the hidden layer, relative to the sum of squares. It ends where a step gains
-    less than ``tolerance`` of the error three times in a row. Raises UserError where the first simulation diverges.
+    less than ``tolerance`` of the error three times in a row. widest: largest magnitude of the linear part's poles.
+    Raises UserError where the first simulation diverges.
 
     A hidden layer is bounded. So where the linear part is stable, states are bounded whatever comes; where it is not,
     they run away from where the layer saturates, which the records may not show. No step makes a stable one unstable.
@@ -113,7 +115,7 @@ def refine(
     total = sum(outputs.size for _, outputs in stretches)
     held = ridge * total * ((free >= sizes.units_at) & (free < sizes.readout_at)).astype(np.float64)
     weights, damping, failed, slow, evaluations = _rescaled(weights, sizes, starts, stretches), 1e-3, 0, 0, 1
-    widest = max(1.0, linear_radius(weights, sizes)) if sizes.units else np.inf
+    most = max(1.0, linear_radius(weights, sizes)) if sizes.units else np.inf
     cost, system = _normal(weights, sizes, stretches, starts, free, roles)
     if not np.isfinite(cost):
         raise UserError("state space: the model that it begins with diverges; take another order")
@@ -122,12 +124,12 @@ def refine(
         step, moved = _step(system, held, weights[free], damping)
         trial, moved_starts = weights.copy(), starts + moved
         trial[free] += step
-        trial = _rescaled(trial, sizes, moved_starts, stretches)
+        trial = _rescaled(shrunk(trial, sizes, widest), sizes, moved_starts, stretches)
         found, following = _normal(trial, sizes, stretches, moved_starts, free, roles)
         with np.errstate(over="ignore", invalid="ignore"):
             found += float(held @ trial[free] ** 2)
         evaluations += 1
-        if not (found < cost and linear_radius(trial, sizes) <= widest):
+        if not (found < cost and linear_radius(trial, sizes) <= most):
             damping, failed = damping * 8.0, failed + 1
             if failed > PATIENCE:
                 break
@@ -147,6 +149,14 @@ def linear_radius(weights: Array, sizes: Sizes) -> float:
     """Magnitude of the largest pole of the linear part."""
     state = weights[: sizes.units_at].reshape(sizes.states, sizes.wide)
     return float(np.abs(np.linalg.eigvals(state[:, : sizes.states])).max())
+
+
+def shrunk(weights: Array, sizes: Sizes, widest: float) -> Array:
+    """The same model, with all poles of the linear part nearer to zero by what the largest one exceeds."""
+    radius, changed = linear_radius(weights, sizes), weights.copy()
+    if radius > widest:
+        changed[: sizes.units_at].reshape(sizes.states, sizes.wide)[:, : sizes.states] *= widest / radius
+    return changed
 
 
 def simulated(weights: Array, sizes: Sizes, inputs: Array, first: Array) -> Array:

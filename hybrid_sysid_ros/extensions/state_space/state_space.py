@@ -138,8 +138,8 @@ class StateSpace(Recurrence):
         return [mean + scale * value for value, mean, scale in pairs]
 
     def fitted_again(self, records: Sequence[tuple[Array, Array]], iterations: int) -> StateSpace:
-        """This model after some more iterations, of a fit to other stretches of its inputs and outputs; itself where
-        it is stable and they would end it unstable, as few samples take a slow drift for a pole.
+        """This model after some more iterations, of a fit to other stretches of its inputs and outputs, which make it
+        no slower than it is: few samples take a drift for a pole.
         """
         # Here, since a model that is only loaded needs nothing that fits.
         from hybrid_sysid_ros.extensions.state_space.refinement import acting, calm, refine, unit_states
@@ -155,9 +155,8 @@ class StateSpace(Recurrence):
         given: dict[str, Any] = {"through": bool(np.any(self.matrices()[3])), "ridge": RIDGE}
         met = refine(weights, sizes, stretches, **given, iterations=1, firsts=firsts).mean_square
         rest = calm(level, met, m)
-        found = refine(weights, sizes, [*stretches, rest], **given, iterations=iterations)
-        other = self.with_weights(found.weights)
-        return other if other.radius <= max(1.0, self.radius) else self
+        given |= {"iterations": iterations, "widest": self.radius}
+        return self.with_weights(refine(weights, sizes, [*stretches, rest], **given).weights)
 
     def record_map(self) -> RecordMap:
         """No state is measured: all initial values are estimated from a record's first samples."""

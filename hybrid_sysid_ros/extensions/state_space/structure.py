@@ -17,6 +17,8 @@ from hybrid_sysid_ros.support.arrays import Array
 
 SHOWN = 6
 """Most modes in words."""
+INTEGRATES = 1e-9
+"""Distance from 1 of a pole that a fit held there."""
 
 
 class StateSpaceStructure(Structure):
@@ -95,7 +97,9 @@ def _modes(system: StateSpace) -> list[str]:
     found = []
     for pole in sorted(poles[poles.imag >= 0.0], key=lambda pole: -abs(pole))[:SHOWN]:
         rate = np.log(pole + 0j) / system.period if pole != 0.0 else -np.inf
-        if abs(pole) >= 1.0:
+        if abs(pole - 1.0) < INTEGRATES:
+            found.append("mode: integrates")
+        elif abs(pole) > 1.0:
             found.append(f"mode: pole {pole.real:.4g}{f' +- {pole.imag:.4g}i' if pole.imag else ''}, unstable")
         elif rate.imag == 0.0:
             found.append(f"mode: time constant {-1.0 / rate.real:.4g} s")

@@ -195,6 +195,19 @@ def test_what_no_record_excites_stays_small_in_a_model_of_too_high_an_order():
     assert score(unseen.outputs[:, 0], free_run(system, unseen)[:, 0]).r2 > 0.99
 
 
+@pytest.mark.parametrize(("order", "noise", "seed"), [(2, 0.01, 3), (3, 0.1, 0), (5, 0.01, 4)])
+def test_an_integrator_in_noise_is_not_fitted_as_what_runs_away(order, noise, seed):
+    """Its pole at 1 is as often found beyond the circle as within."""
+    (y,), (u,) = ((Variable(name=name, unit="V"),) for name in "yu")
+    random = np.random.default_rng(seed)
+    inputs = np.repeat(random.uniform(-1.0, 1.0, (40, 1)), 30, axis=0)
+    charge = np.cumsum(inputs, axis=0) - inputs
+    record = prepared(inputs, charge + noise * charge.std() * random.normal(size=charge.shape))
+    system: Any = identify_state_space([record], (y,), (u,), StateSpaceSettings(order=order)).system
+    assert 0.99 < system.radius < 1.0 + 1e-9
+    assert all(block.system.radius < 1.0 + 1e-9 for block in left_out(system, [record], {}, 1.0))
+
+
 def test_a_block_is_left_out_of_a_fit_that_goes_on_without_it():
     (y,), (u,) = ((Variable(name=name, unit="V"),) for name in "yu")
     record, _ = smooth_and_steps(2)
