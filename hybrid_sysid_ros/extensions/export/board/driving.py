@@ -100,11 +100,16 @@ class BoardController:
             return None
         return found if found.known else None
 
-    def _is_there(self) -> bool:
-        """Whether the board may be asked; one that was silent or has started anew begins from the beginning."""
-        silent, restarted = self.link.silent, self.link.restarted
+    def look(self) -> bool:
+        """Whether the board is silent, which is noted as trouble."""
+        silent = self.link.silent
         if silent:
             self.trouble = f"nothing from the board on {self.link.port}: look at its power and its cable"
+        return silent
+
+    def _is_there(self) -> bool:
+        """Whether the board may be asked; one that was silent or has started anew begins from the beginning."""
+        silent, restarted = self.look(), self.link.restarted
         if not self.trouble and not restarted:
             return True
         if monotonic() - self._asked < ASK_AGAIN:

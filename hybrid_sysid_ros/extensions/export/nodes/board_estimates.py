@@ -41,17 +41,22 @@ class BoardEstimates:
 
     def listen(self, node: ControllerNode) -> Listener:
         """Answer measurements as long as a controller is active."""
-        self._node, self._zero = node, 0
+        self._node, self._zero, self._answered = node, 0, 0
         self._entry = node.validator("joint_states")
         self._writer = JointWriter(self._slots, f"{node.signature} board" if node.signature else "")
         self._estimates = node.open("state_estimate")
         return node.listen(self._entry, "joint_states", self.on_measurement)
 
     def on_measurement(self, joints: JointStates) -> None:
-        """Let the board answer a measurement."""
+        """Let the board answer a measurement. One that comes again is asked again if it was not answered, as a plant in
+        lockstep waits for.
+        """
         began = perf_counter()
         given = self._entry.read(joints, self._measured, optional=self._m)
-        if given is None or (order := self._entry.admit(joints)) is None or order is StampOrder.DUPLICATE:
+        if given is None or (order := self._entry.admit(joints)) is None:
+            return
+        if order is StampOrder.DUPLICATE and joints.stamp == self._answered:
+            self._node.output.repeat()
             return
         if order is StampOrder.RESTART:
             self._zero = 0
@@ -66,7 +71,7 @@ class BoardEstimates:
             further = np.asarray(self._system.output(list(found.state), list(applied)))[self._further].tolist()
         now, ahead, offsets = found.state.tolist(), found.ahead.tolist(), found.disturbance.tolist()
         estimate = [*now, *further, *offsets, *ahead, *offsets, *applied.tolist(), *UNDOUBTED]
-        message = self._writer.pack(joints.stamp, estimate)
+        message, self._answered = self._writer.pack(joints.stamp, estimate), joints.stamp
         self._estimates.publish(message)
         unpacked = self._node.entry.unpack(message)
         if unpacked is not None:
@@ -76,6 +81,7 @@ class BoardEstimates:
     def tasks(self) -> Sequence[Task]:
         """The task of the board: silence, checksums, questions without an answer."""
         link = self.board.link
+        self.board.look()
         troubles = {
             "calls without an answer": self.board.unanswered,
             "frames that came damaged": link.frames.wrong,

@@ -5,7 +5,6 @@ import pty
 import struct
 import threading
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from hybrid_sysid_ros.extensions.export.board.frames import FrameReceiver, encod
 from hybrid_sysid_ros.extensions.export.board.link import BoardLink
 from hybrid_sysid_ros.extensions.export.nodes.board_estimates import BoardEstimates
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.nodes.diagnostics import ERROR, Task
 from hybrid_sysid_ros.nodes.messages import JointStates
 from hybrid_sysid_ros.nodes.signal_layout import VALIDITY, SignalPlace, Slots
 from hybrid_sysid_ros.nodes.validation import StampOrder
@@ -124,27 +124,79 @@ def test_a_board_that_started_anew_is_asked_who_it_is(problem):
     assert board.resets == before + 1
 
 
+class Ears:
+    """Stands in for the node that listens for a board: what it publishes, repeats and holds is counted."""
+
+    signature, lockstep = "", True
+
+    def __init__(self, problem):
+        self.board, self.order = PretendedBoard(), StampOrder.NEW
+        self.published: list[bytes] = []
+        self.repeated = self.held = 0
+        self.entry = self.output = self
+        rig, model = load_rig("cam_beam"), load_model(shipped("cam_beam", "model"))
+        self.driver = controller(self.board, problem)
+        self.estimates = BoardEstimates(self.driver, rig, model)
+        self.estimates.listen(self)  # type: ignore[arg-type]
+
+    def validator(self, topic):
+        return self
+
+    def open(self, topic):
+        return SimpleNamespace(publish=self.published.append)
+
+    def listen(self, *given):
+        return None
+
+    def read(self, joints, slots, optional):
+        return [0.0, INPUT]
+
+    def admit(self, joints):
+        return self.order
+
+    def unpack(self, message):
+        return None
+
+    def repeat(self):
+        self.repeated += 1
+
+    def hold(self):
+        self.held += 1
+
+    def judged(self, name, troubles, count, **values):
+        return Task(name=name)
+
+    def hear(self, stamp, order=StampOrder.NEW):
+        self.order = order
+        self.estimates.on_measurement(JointStates("", stamp, [], ()))
+
+
 def test_a_board_s_estimate_says_all_that_a_controller_reads_of_its_validity(problem):
-    published: list[bytes] = []
-    entry = SimpleNamespace(
-        read=lambda joints, slots, optional: [0.0, INPUT],
-        admit=lambda joints: StampOrder.NEW,
-        unpack=lambda message: None,
-    )
-    node: Any = SimpleNamespace(
-        signature="",
-        validator=lambda topic: entry,
-        open=lambda topic: SimpleNamespace(publish=published.append),
-        listen=lambda *given: None,
-        entry=entry,
-    )
-    rig = load_rig("cam_beam")
-    estimates = BoardEstimates(controller(PretendedBoard(), problem), rig, load_model(shipped("cam_beam", "model")))
-    estimates.listen(node)
-    estimates.on_measurement(JointStates("", 1, [], ()))
+    node = Ears(problem)
+    node.hear(1)
     said = Slots([SignalPlace(name, "position") for name in VALIDITY])
-    assert said.read(estimates._slots.names, estimates._writer._lists) == [0.0, 0.0, -1.0]
-    assert len(published) == 1
+    assert said.read(node.estimates._slots.names, node.estimates._writer._lists) == [0.0, 0.0, -1.0]
+    assert len(node.published) == 1
+
+
+def test_a_measurement_that_was_not_answered_is_asked_again_when_it_comes_again(problem):
+    """A plant in lockstep publishes it until there is an answer: one lost frame must not end the loop."""
+    node = Ears(problem)
+    node.board.mute = True
+    node.hear(1)
+    assert (len(node.published), node.held) == (0, 1)
+    node.board.mute = False
+    node.hear(1, StampOrder.DUPLICATE)
+    assert (len(node.published), node.repeated) == (1, 0)
+    node.hear(1, StampOrder.DUPLICATE)
+    assert (len(node.published), node.repeated) == (1, 1)
+
+
+def test_a_board_that_dies_between_two_questions_is_reported(problem):
+    node = Ears(problem)
+    node.driver.link.heard = 0.0  # as after seconds without a frame
+    (task,) = node.estimates.tasks()
+    assert (task.level, "nothing from the board" in task.message) == (ERROR, True)
 
 
 @pytest.mark.parametrize(
