@@ -32,6 +32,9 @@ ALL_OVER = 0.7  # unless it spans so much of the picture along each axis
 LEVER = 0.3  # of the width: the distance over which few features tell how the camera rolls
 MANY = 40  # features: a few are easily lost, so many only with the place
 LOST = 0.2  # share of the pictures in which the camera's motion may be unknown
+CUT, ASIDE = 4.0, 8  # times as much as pictures change otherwise, and pictures on each side, by which a cut is known
+DIFFERS, ALIKE = 10.0, 0.5  # counts by which a pixel is another, and correlation of two views that are one
+COVERS = 0.3  # of the picture: a joint that steps changes less
 TimedPictures = Callable[[], Iterator[tuple[float, Picture]]]
 """Reads a film from its beginning: times [s] and pictures."""
 
@@ -94,11 +97,12 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
     in most pictures are what stands (RANSAC), and a camera that turns, a similarity or a homography of these is the
     pose.
 
-    Raises UserError where the film can't be read, or the camera looks elsewhere, or was moved since it saw the
-    background.
+    Raises UserError where the film can't be read, or goes on with another view, or the camera looks elsewhere, or was
+    moved since it saw the background.
     """
     with extra("video"):
         import cv2
+    _refuse_cut(film)
     count = sum(1 for _ in film())
     chosen = set(np.linspace(0, count - 1, min(SAMPLED, count)).astype(int).tolist())
     few = [picture for number, (_, picture) in enumerate(film()) if number in chosen]
@@ -155,6 +159,31 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
             "taken out: put it on a tripod, or cut the film there"
         )
     return motion
+
+
+def _refuse_cut(film: TimedPictures) -> None:
+    """Raise UserError where a film goes on with another view from one picture to the next."""
+    times, changes, before = list[float](), list[float](), None
+    for time, picture in film():
+        few = picture[::4, ::4].astype(np.float32)
+        if before is not None and before.shape != few.shape:
+            return  # which is reported where it is read
+        times.append(time)
+        changes.append(float(np.abs(few - before).mean()) if before is not None else 0.0)
+        before = few
+    first = int(np.argmax(changes))
+    if len(changes) < ASIDE or not changes[first] > CUT * np.sort(changes)[-3]:  # two of a film may be cuts
+        return
+    near = [picture[::4, ::4] for k, (_, picture) in enumerate(film()) if abs(k + 0.5 - first) < ASIDE]
+    sides = (near[: min(first, ASIDE)], near[min(first, ASIDE) :])
+    one, other = (np.median(side, axis=0) for side in sides)
+    if (np.abs(other - one) > DIFFERS).mean() < COVERS or not min(np.ptp(one), np.ptp(other)) > DIFFERS:
+        return
+    if np.corrcoef(one.ravel(), other.ravel())[0, 1] < ALIKE:
+        raise UserError(
+            f"the camera was moved, or the film is of two takes: from {times[first]:.3g} s on it shows another view: "
+            "cut it there"
+        )
 
 
 def unknown_shake(wander: float) -> UserError:

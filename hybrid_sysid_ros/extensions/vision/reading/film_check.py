@@ -92,8 +92,9 @@ def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmC
     turns = turning_point(steadied)
     joint = _joint(film, median, moving, noise, turns=turns is not None)
     unknown = Finding(what="exposure", found="unknown: nothing is seen to move", advice="let the joint be seen to move")
-    findings += [joint, *([unknown] if joint.bad else _blur(steadied, moving, changes, exposure))]
-    findings += [_pivot(turns, round(median.shape[1] / form.scale)), _square(marks)]
+    if not refusal:  # a joint is not judged by pictures of a camera that was moved
+        findings += [joint, *([unknown] if joint.bad else _blur(steadied, moving, changes, exposure))]
+        findings += [_pivot(turns, round(median.shape[1] / form.scale)), _square(marks)]
     motion = steadied.motion
     return FilmCheck(
         findings=tuple(findings), picture=median, moving=moving,

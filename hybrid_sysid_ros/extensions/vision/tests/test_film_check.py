@@ -67,6 +67,13 @@ def test_what_a_film_lacks_is_said(
     assert words in _found(frames, tmp_path, change)[what].advice
 
 
+def test_a_film_of_two_takes_is_said_to_be_cut(frames: list[tuple[float, Picture]], tmp_path: Path) -> None:
+    takes = [(time, picture if number < 60 else 255 - picture) for number, (time, picture) in enumerate(frames)]
+    found = _found(takes, tmp_path, lambda picture: picture)
+    assert found["tripod"].bad
+    assert f"from {frames[60][0] - frames[0][0]:.3g} s on" in found["tripod"].advice
+
+
 def test_noise_at_rest_is_no_motion(tmp_path: Path) -> None:
     imager = Imager(scene_of(RIG), CAMERA, seed=1)
     rest = [(time, imager.take(1.0, TIMES, 0.0 * TIMES)) for time in (0.1 + np.arange(70) / 30.0).tolist()]
