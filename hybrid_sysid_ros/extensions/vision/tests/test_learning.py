@@ -126,7 +126,11 @@ def test_small_pictures_are_refused() -> None:
         learn(np.ascontiguousarray(film[:, ::2, ::2]), RIG, readout=CAMERA.readout)
 
 
-def test_a_film_that_is_white_is_refused_by_its_light() -> None:
-    film = np.full((60, 136, 240), 255, dtype=np.uint8)
-    with pytest.raises(UserError, match="100% of the pixels are white: film with less light"):
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [(255, "100% of the pixels are white: film with less light"), (3, "it is dark, 3 of 255 counts")],
+)
+def test_a_film_that_is_white_or_dark_is_refused_by_its_light(counts: int, words: str) -> None:
+    film = np.full((60, 136, 240), counts, dtype=np.uint8)
+    with pytest.raises(UserError, match=words):
         learn(film, load("cam_beam"), readout=0.0)
