@@ -93,6 +93,12 @@ def test_a_bound_of_many_decades_is_near_by_magnitude(value: float, doubted: boo
     assert at_bound(frequency, value) is doubted
 
 
+@pytest.mark.parametrize(("error", "doubted"), [(6.8, False), (60.0, True), (float("inf"), True)])
+def test_a_bound_that_is_far_by_the_standard_error_is_not_doubted(error: float, doubted: bool):
+    wide = dataclasses.replace(FREE[0], low=-1e4, high=0.0)
+    assert at_bound(wide, -19.9, error) is doubted
+
+
 def test_weights_of_a_network_are_not_doubted():
     whole = model()
     covariance = np.zeros((len(FREE) + 2, len(FREE) + 2))

@@ -7,7 +7,7 @@ import pytest
 from hybrid_sysid_ros.identification.validation.judgement import judgement, noise_floors
 from hybrid_sysid_ros.rigs.rig import load
 
-RIG = load("cam_beam")
+RIG, PERIOD = load("cam_beam"), 0.05
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,13 @@ RIG = load("cam_beam")
     ],
 )  # fmt: skip
 def test_a_run_is_judged_by_variance_noise_and_bands(r2, noises, held, words):
-    scores = {"r2": r2, "rmse": noises * noise_floors(RIG)["position"], "fit_percent": 0.0}
-    found = judgement(scores, RIG, {"0.9": {"position": {"held": held, "half": 1.0}}})
+    scores = {"r2": r2, "rmse": noises * noise_floors(RIG, PERIOD)["position"], "fit_percent": 0.0}
+    found = judgement(scores, RIG, PERIOD, {"0.9": {"position": {"held": held, "half": 1.0}}})
     assert found == {"position": words}
+
+
+def test_a_hum_is_no_noise_where_its_periods_fit_into_the_sampling():
+    """The beam's sensor has 60 Hz, .048 V, and .02 V of white noise (rig.yaml)."""
+    scale = RIG.sensors[0].scale
+    assert noise_floors(RIG, 0.05)["position"] == pytest.approx(0.02 * scale, rel=0.02)
+    assert noise_floors(RIG, 0.005)["position"] == pytest.approx(0.052 * scale, rel=0.02)

@@ -220,7 +220,7 @@ def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
             "value": float(value),
             "error": errors.get(item.name),
             "share": 100.0 * (float(value) - item.low) / (item.high - item.low),
-            "at_bound": at_bound(item, float(value)),
+            "at_bound": at_bound(item, float(value), errors.get(item.name, np.inf)),
         }
 
 

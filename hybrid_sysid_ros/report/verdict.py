@@ -58,7 +58,7 @@ def _of_model(section: IdentificationSection) -> Judgement:
 
 def _against_noise(section: IdentificationSection) -> str:
     """Errors of free runs beside what the sensors' noise alone would leave."""
-    floors = noise_floors(rigs.load(section.model.rig))
+    floors = noise_floors(rigs.load(section.model.rig), section.model.sampling.period)
     ratios = [run.scores.rmse / floors[run.output.name] for run in section.runs if floors.get(run.output.name)]
     if not ratios:
         return ""

@@ -41,6 +41,10 @@ class Hum:
         _at_least_zero(self, "rms", "hertz")
 
 
+CONSTANT = 1e-3
+"""Periods of a hum, from a whole number, up to which samples show no more of it than an offset."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Quantiser:
     """An analogue-to-digital converter over +-range, or an encoder without limits."""
@@ -117,11 +121,14 @@ class Sensor:
         """Total noise, rms [reading unit]."""
         return math.hypot(self.hum.rms if self.hum else 0.0, self.white_noise)
 
-    @property
-    def floor(self) -> float:
-        """The noise with that of rounding, of both ends of a window, rms [reading unit]."""
+    def floor(self, period: float) -> float:
+        """The noise with that of rounding, of both ends of a window, rms [reading unit], in samples of a period [s]: a
+        hum whose periods fit into it is an offset there.
+        """
         rounded = self.quantiser.count / math.sqrt(6.0 if self.window else 12.0) if self.quantiser else 0.0
-        return math.hypot(self.noise, rounded)
+        periods = self.hum.hertz * period if self.hum else 0.0
+        constant = abs(periods - round(periods)) < CONSTANT
+        return math.hypot(self.white_noise if constant else self.noise, rounded)
 
 
 class LowPassFilter:

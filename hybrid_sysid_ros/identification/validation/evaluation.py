@@ -129,7 +129,7 @@ def _of_free_run(model: Model, experiment: PreparedRecord, rig: Rig, run: Array)
     uses = {name: check(model, experiment, run) for name, check in provided("use_checks").items()}
     return {
         "scores": scores,
-        "judgement": judgement(scores, rig, bands) if quality.judged else {},
+        "judgement": judgement(scores, rig, model.sampling.period, bands) if quality.judged else {},
         "quality": quality,
         "unstable": "",
         "ahead": [] if quality.judged else predictions(model.system, experiment, None),

@@ -14,8 +14,10 @@ from hybrid_sysid_ros.support.arrays import Array
 HIGHLY_CORRELATED = 0.95
 UNDETERMINED = 0.5
 """Ratio of the standard error to the prior deviation above which the data contributed little."""
-AT_BOUND = 0.01
-"""Distance from a bound, relative to the distance of both bounds, that counts as at the bound."""
+AT_BOUND, ON_BOUND, FAR = 0.01, 0.001, 2.0
+"""Distance from a bound, relative to the distance of both bounds, that counts as at the bound, even where that is more
+than FAR standard errors.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +79,7 @@ def doubts(model: Model) -> list[Doubt]:
             value=float(value),
             standard_error=errors[item.name],
             before=item.spread or (item.high - item.low) / float(np.sqrt(12)),
-            at_bound=at_bound(item, float(value)),
+            at_bound=at_bound(item, float(value), errors[item.name]),
             correlated=tuple((name, coefficient) for name, coefficient in others if name in errors),
         )
         found += [doubt] if doubt.reasons else []
@@ -105,10 +107,12 @@ def correlation(covariance: Array) -> Array:
     return np.asarray(covariance / np.outer(scale, scale))
 
 
-def at_bound(item: Parameter, value: float) -> bool:
-    """Whether a fitted parameter is at one of its bounds; at a lower bound above 0 by magnitude, too, since 5 rad/s are
-    far from 0.01 rad/s though both are small beside 1000.
+def at_bound(item: Parameter, value: float, error: float = np.inf) -> bool:
+    """Whether a fitted parameter is at one of its bounds, by its standard error, too; at a lower bound above 0 by
+    magnitude, since 5 rad/s are far from 0.01 rad/s though both are small beside 1000.
     """
-    share = (value - item.low) / (item.high - item.low)
+    range_ = item.high - item.low
+    near = max(min(AT_BOUND, FAR * error / range_), ON_BOUND)
+    share = (value - item.low) / range_
     small = item.low <= 0.0 or value <= item.low * (item.high / item.low) ** AT_BOUND
-    return not item.fixed and ((not share > AT_BOUND and small) or not share < 1.0 - AT_BOUND)
+    return not item.fixed and ((not share > near and small) or not share < 1.0 - near)

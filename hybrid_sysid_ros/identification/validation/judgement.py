@@ -18,17 +18,21 @@ HELD = 0.7
 """Share of a record that its 90 % band is to hold, below which the model is too sure."""
 
 
-def noise_floors(rig: Rig) -> dict[str, float]:
-    """Errors that the sensors' noise alone would leave, by output, in its unit; 0 where a rig declares none."""
+def noise_floors(rig: Rig, period: float) -> dict[str, float]:
+    """Errors that the sensors' noise alone would leave in samples of a period [s], by output, in its unit; 0 where a
+    rig declares none.
+    """
     pairs = zip(rig.system.outputs, rig.sensors, strict=True)
-    return {item.name: sensor.floor * abs(sensor.scale) for item, sensor in pairs}
+    return {item.name: sensor.floor(period) * abs(sensor.scale) for item, sensor in pairs}
 
 
 def judgement(
-    scores: Mapping[str, Any], rig: Rig, bands: Mapping[str, Mapping[str, Mapping[str, float]]]
+    scores: Mapping[str, Any], rig: Rig, period: float, bands: Mapping[str, Mapping[str, Mapping[str, float]]]
 ) -> dict[str, str]:
-    """By output: good, fair or useless, and why. scores: of a free run; bands: what they hold, by level and output."""
-    floors, found = noise_floors(rig), {}
+    """By output: good, fair or useless, and why. scores: of a free run, each period [s]; bands: what they hold, by
+    level and output.
+    """
+    floors, found = noise_floors(rig, period), {}
     for name, floor in floors.items():
         own = scores.get("outputs", {}).get(name, scores)
         r2 = own["r2"]
