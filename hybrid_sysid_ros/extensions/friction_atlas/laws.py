@@ -36,7 +36,7 @@ class SlidingBlock(System):
     """Of the law."""
 
     mass: float = bounded(1.0, 1e-3, 1e3, unit="kg")
-    """m."""
+    """m, mass of the block."""
     spring: float = bounded(0.0, 0.0, 1e7, unit="N/m")
     """k."""
     damper: float = bounded(0.0, 0.0, 1e5, unit="N s/m")
@@ -64,7 +64,7 @@ class ViscousLaw(SlidingBlock):
     contacts: ClassVar[tuple[Contact, ...]] = (Viscous(on="speed", viscous="viscous_rate"),)
 
     viscous: float = bounded(0.4, 0.0, 1e4, unit="N s/m")
-    """fv."""
+    """fv, viscous friction per speed."""
 
     def viscous_rate(self, x: Vector, u: Vector) -> Scalar:
         return self.viscous / self.mass
@@ -78,7 +78,7 @@ class CoulombLaw(ViscousLaw):
     contacts: ClassVar[tuple[Contact, ...]] = (Dry(on="speed", level="level", viscous="viscous_rate"),)
 
     coulomb: float = bounded(1.0, 0.0, 1e4, unit="N")
-    """Fc."""
+    """Fc, dry friction while it slides."""
 
     def level(self, x: Vector, u: Vector) -> Scalar:
         return self.coulomb / self.mass
@@ -107,7 +107,7 @@ class StribeckLaw(_Static):
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), eq. (3) with exponent 2"
 
     stribeck_speed: float = bounded(0.05, 1e-5, 1e2, unit="m/s")
-    """vs."""
+    """vs, the speed about which that at rest is lost."""
 
     def level(self, x: Vector, u: Vector) -> Scalar:
         return self.friction(x[1]) / self.mass
@@ -125,7 +125,7 @@ class DahlLaw(CoulombLaw):
     contacts = (Bristles(on="speed", level="level", stiffness="bristles", viscous="viscous_rate"),)
 
     stiffness: float = bounded(500.0, 1e-3, 1e8, unit="N/m")
-    """s0."""
+    """s0, stiffness of the contact."""
 
     def bristles(self, x: Vector, u: Vector) -> Scalar:
         return self.stiffness / self.mass
@@ -148,9 +148,9 @@ class LugreLaw(StribeckLaw):
     )
 
     stiffness: float = bounded(500.0, 1e-3, 1e8, unit="N/m")
-    """s0."""
+    """s0, stiffness of the contact."""
     damping: float = bounded(10.0, 0.0, 1e5, unit="N s/m")
-    """s1."""
+    """s1, damping of the contact."""
 
     def bristles(self, x: Vector, u: Vector) -> Scalar:
         return self.stiffness / self.mass
@@ -228,9 +228,9 @@ class StefanskiLaw(_Static):
     )
 
     speed_shape: float = bounded(10.0, 0.0, 1e5, unit="1/s")
-    """a1."""
+    """a1, how much the speed lowers it."""
     acceleration_shape: float = bounded(0.5, 1e-6, 1e5, unit="m/s^2")
-    """a2."""
+    """a2, the acceleration beside which that counts."""
 
     def static_level(self, x: Vector, u: Vector) -> Scalar:
         return self.static / self.mass

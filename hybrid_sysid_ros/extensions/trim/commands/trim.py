@@ -19,6 +19,8 @@ from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.validity import check_reached, check_valid
 from hybrid_sysid_ros.support.errors import UserError
 
+SOLVED = 1e-12
+"""Below which a solved value is shown as 0."""
 INVOLVED = 0.1
 """Share in a mode from which on a state is named."""
 
@@ -74,7 +76,8 @@ def _point(system: System, found: Equilibrium, title: str) -> Table:
     whole = bool(system.operating_point)
     table = Table("", "value", "unit", *(["whole value"] if whole else []), "", title=title)
     pairs = [*zip(system.declared_states, found.states.tolist(), strict=False)]
-    for item, value in (*pairs, *zip(system.inputs, found.inputs.tolist(), strict=True)):
+    for item, solved in (*pairs, *zip(system.inputs, found.inputs.tolist(), strict=True)):
+        value = solved if abs(solved) > SOLVED else 0.0
         total = value + system.operating_point.get(item.name, 0.0)
         degrees = f"{math.degrees(total):.4f} {item.unit.replace('rad', 'deg')}" if "rad" in item.unit else ""
         table.add_row(item.name, f"{value:.6g}", item.unit, *([f"{total:.6g}"] if whole else []), degrees)
