@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, one_step, rollouts, simulate
 from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.wrappers import feedback_of
@@ -297,3 +298,48 @@ def test_what_a_stabiliser_needs_is_reported(record):
 
     with pytest.raises(UserError, match="tip is fed back, but it is no state"):
         feedback_of(Tip(), GAINS)
+
+
+UPRIGHT = """
+from dataclasses import dataclass
+
+from hybrid_sysid_ros.core import RungeKutta, System, bounded
+from hybrid_sysid_ros.core.mathematics import sin
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law(System):
+    states = ("angle [rad]", "rate [rad/s]")
+    inputs = ("torque [N m]",)
+    outputs = ("angle", "rate")
+    stepper = RungeKutta()
+    weight: float = bounded(1.0, 0.1, 50.0, unit="1/s^2")
+    gain: float = bounded(2.0, 0.01, 5.0, unit="1/(kg m^2)")
+
+    def law(self, x, u):
+        return x[1], self.weight * sin(x[0]) + self.gain * u[0]
+"""
+VALUES = f"""
+step: {STEP}
+sensors: {{angle: {{white_noise: {NOISE[0]}}}, rate: {{white_noise: {NOISE[1]}}}}}
+actuators: {{torque: {{low: -40.0, high: 40.0}}}}
+demo: {{step: {STEP}, period: {STEP}}}
+"""
+
+
+def test_an_unstable_rig_whose_loop_nobody_declared_is_fitted_and_judged(tmp_path, record):
+    """Free runs fail. Open windows find w / J and g / J of the simulation, and predictions judge them."""
+    folder = tmp_path / "upright"
+    folder.mkdir()
+    (folder / "system.py").write_text(UPRIGHT)
+    (folder / "rig.yaml").write_text(VALUES)
+    rig, time = hs.load_rig(folder), STEP * np.arange(record.samples - 1)
+    recorded = hs.record(time=time, inputs=record.inputs, outputs=record.outputs[:-1], rig=rig)
+    model = hs.identify(recorded, rig, "gray", part=(0, 0.6))
+    assert model.parameters["weight"] == pytest.approx(PLANT.weight / PLANT.inertia, rel=0.02)
+    assert model.parameters["gain"] == pytest.approx(PLANT.gain / PLANT.inertia, rel=0.02)
+    found = model.evaluate(recorded, part=(0.6, 1))
+    assert "an error grows by e in 0.48 s" in found.unstable
+    first, *_ = found.ahead
+    assert first.scores.r2 > 0.98
+    assert all(scores["r2"] > 0.98 for scores in model.scores.values())

@@ -20,6 +20,7 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status, typ
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
+from hybrid_sysid_ros.identification.shooting import fastest_growth
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.run_quality import run_quality
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals
@@ -142,6 +143,13 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
                     f"{_reason(model, name, records)}"
                 )
     title = "training" if rig.experiments.stabiliser is None else "training, closed by the stabiliser"
+    if rig.experiments.stabiliser is None and "chi_squared" in model.fit:
+        title = "training, by predictions while an error grows by e"
+        console.print(
+            f"the law is unstable (an error grows by e in {1.0 / fastest_growth(model.system):.3g} s), so it was "
+            "fitted over short windows, and is scored by predictions; in closed loop, if rig.yaml names the loop's "
+            "gains (experiments.stabiliser)"
+        )
     print_table(score_table(model.scores, rig, title))
     if rows := stages_of(model, records):
         print_table(stages_table(rows))

@@ -14,13 +14,17 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, resample
 from hybrid_sysid_ros.identification.fitting import Biased, FitProgress, fit
 from hybrid_sysid_ros.identification.initial_values import magnitudes
-from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, unstable_settings
+from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, open_windows, runs_away, unstable_settings
+from hybrid_sysid_ros.identification.starts import unshown_states
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.structure import Magnitudes, Structure
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
+
+LOST = 0.3
+"""Error of free runs, in the outputs' deviation, above which a fit of an unstable system has failed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,7 +102,7 @@ class Context:
         """The fit of a system, with a bias of the inputs in each record where the option asks for it."""
         spreads = float(self.options.get("input_bias", 0.0)) * np.diff(self.rig.limits, axis=0)[0]
         if not np.any(spreads):
-            return self._by_criterion(self.fit(system, **settings), settings)
+            return self._by_criterion(self._over_windows(self.fit(system, **settings), system, settings), settings)
         biased = Biased(physics=system, spreads=tuple(spreads.tolist()))
         found = self.fit(biased, **settings)
         assert isinstance(found.system, Biased)
@@ -106,6 +110,17 @@ class Context:
         names = [record.name for record in self.records]
         noted = {name: dict(zip(names, values.tolist(), strict=True)) for name, values in biases.items()}
         return replace(found, system=found.system.physics, notes={"input_bias": noted})
+
+    def _over_windows(self, found: Fit, system: System, settings: Mapping[str, Any]) -> Fit:
+        """The fit over open windows in the place of one of free runs that failed, where errors of an unstable system
+        grow too far, and nobody named its stabiliser.
+        """
+        experiments = self.experiments(system)
+        lost = settings["unstable"] is None and found.relative_error > LOST and not unshown_states(system)
+        if not lost or not any(runs_away(law, item) for law in (system, found.system) for item in experiments):
+            return found
+        given = {key: value for key, value in settings.items() if key != "stages"}
+        return self.fit(system, **{**given, "unstable": open_windows(self.rig)})
 
     def _by_criterion(self, found: Fit, settings: Mapping[str, Any]) -> Fit:
         """The fit of physics by the chosen criterion, from that of free runs; a network is fitted to free runs."""

@@ -20,7 +20,12 @@ from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.bands import Uncertainty, band_calibration
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut, left_out
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
-from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
+from hybrid_sysid_ros.identification.validation.unstable import (
+    check_free_run,
+    has_free_run,
+    predictions,
+    stabilised_run,
+)
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.structure import Options, complete, structure_of
@@ -147,7 +152,7 @@ def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
     """
     variances = np.diag(fitted.covariance)[: len(fitted.step_error)]
     rest = np.sqrt(np.maximum(variances - fitted.step_error**2, 1e-300))
-    if context.unstable is not None:
+    if fitted.chi_squared is not None:  # over windows
         return context, fitted
     held = [item.name for item in fitted.system.parameters if not item.fixed and item.name not in fitted.names]
     refined = context
@@ -192,13 +197,15 @@ def notes_of(model: Model, records: Sequence[Record], rig: Rig) -> dict[str, Any
 
 
 def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
-    """Scores of the strict free run, or for an unstable rig of one run in closed loop with its stabiliser.
+    """Scores of the strict free run, or for an unstable rig of one run in closed loop with its stabiliser, or where
+    none is known, of predictions over the shortest horizon.
 
     Raises UserError for a stabiliser that does not fit the sampling.
     """
     stabiliser = rig.experiments.stabiliser
     if stabiliser is None:
-        return score_free_run(system, experiment)
+        ahead = [] if has_free_run(system, experiment) else predictions(system, experiment, None)
+        return ahead[0].scores if ahead else score_free_run(system, experiment)
     names = [item.name for item in system.outputs]
     return Scores.of(names, experiment.outputs, stabilised_run(system, experiment, stabiliser)[1])
 
@@ -225,7 +232,7 @@ def _noted(
     records, by name. leave_out: with fits without each of these.
     """
     system, blocks, made = fitted.system, list[LeftOut](), dict[str, Any]()
-    if rig.experiments.stabiliser is None:
+    if rig.experiments.stabiliser is None and all(has_free_run(system, item) for item in experiments):
         deviations = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0)).tolist()
         if leave_out:
             known = dict(zip(fitted.names, deviations, strict=True))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +25,8 @@ GROWTHS = (1.4, 3.6)
 """Lengths of the open windows, in times in which an error grows by e: it grows by factors of 4 and 36."""
 GAUSS_NEWTON, STILL = 8, 1e-6
 """Most Gauss-Newton steps of the initial states, and the relative change of the residual that ends them."""
+MOST_GROWTH = 1e6
+"""Growth of an error of the initial state over a free run above which the run is meaningless."""
 SLOWEST = 0.05
 """Growth rate [1/s] below which a rig counts as stable, since windows would be as long as records."""
 
@@ -35,19 +37,30 @@ class UnstableFitSettings:
 
     noise: Array
     """Noise of each output's sensor, rms in SI, (outputs,)."""
-    stabiliser: Array
-    """K (inputs, outputs) of u = v - K y, which stabilises the rig, in SI."""
+    stabiliser: Array | None = None
+    """K (inputs, outputs) of u = v - K y, which stabilises the rig, in SI; None: nobody knows it, so that all windows
+    are open.
+    """
     closed: float = 0.0
     """Length [s] of the last windows, in which the stabiliser closes the loop; 0: none."""
 
 
 def unstable_settings(rig: Rig) -> UnstableFitSettings | None:
     """Settings of a rig that declares a stabiliser (experiments.stabiliser); None for other rigs."""
-    stabiliser = rig.experiments.stabiliser
-    if stabiliser is None:
+    if rig.experiments.stabiliser is None:
         return None
-    noise = np.array([sensor.noise * abs(sensor.scale) for sensor in rig.sensors])
-    return UnstableFitSettings(noise=noise, stabiliser=stabiliser, closed=rig.experiments.closed_windows)
+    return replace(open_windows(rig), stabiliser=rig.experiments.stabiliser, closed=rig.experiments.closed_windows)
+
+
+def open_windows(rig: Rig) -> UnstableFitSettings:
+    """Settings of an unstable rig that declares no stabiliser."""
+    return UnstableFitSettings(noise=np.array([sensor.noise * abs(sensor.scale) for sensor in rig.sensors]))
+
+
+def runs_away(system: System, experiment: PreparedRecord) -> bool:
+    """Whether an error of the initial state grows more than MOST_GROWTH times over a record, by the fastest mode."""
+    seconds = experiment.sampling.period * (experiment.samples - 1)
+    return bool(fastest_growth(system) * seconds > np.log(MOST_GROWTH))
 
 
 def fastest_growth(system: System) -> float:
@@ -131,7 +144,8 @@ class MultipleShootingProblem(FitProblem):
     The initial states of each window are not part of the point: at every point they are those that fit the window best,
     and the derivatives account for that (variable projection, Golub & Pereyra 1973, SIAM J. Numer. Anal. 10(2), as
     Kaufman 1975 simplified it; multiple shooting, Bock 1983, eliminates the same by a Schur complement). Errors are in
-    units of their sensors' noise. In windows longer than the open ones the stabiliser closes the loop.
+    units of their sensors' noise. In windows longer than the open ones the stabiliser closes the loop; without one all
+    are open, and each state needs a record that shows it.
     """
 
     def __init__(
@@ -147,7 +161,7 @@ class MultipleShootingProblem(FitProblem):
         period = self.sampling.period
         lengths = [max(round(rate / growth / period), 2) for rate in GROWTHS]
         self._open = lengths[-1]
-        last = [round(settings.closed / period)] if settings.closed else []
+        last = [round(settings.closed / period)] if settings.closed and settings.stabiliser is not None else []
         self.stages: tuple[int | None, ...] = (*lengths, *last)
         """Samples of the windows of each stage."""
         self._initial: dict[int | None, Array] = {}
@@ -175,9 +189,15 @@ class MultipleShootingProblem(FitProblem):
 
     def simulated(self, system: System, starts: Starts, initial: Array) -> tuple[Array, Array]:
         """States and outputs of whole records with the stabiliser, since states that no record shows would diverge."""
-        held = np.concatenate([held_inputs(system, item, self._stabiliser) for item in self.experiments])
+        held, feedback = self._closed(system)
         given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}
-        return rollouts(system, starts, initial, held, **given, feedback=feedback_of(system, self._stabiliser))
+        return rollouts(system, starts, initial, held, **given, feedback=feedback)
+
+    def _closed(self, system: System) -> tuple[Array, Array]:
+        """The inputs of simulations with the stabiliser, and its feedback."""
+        assert self._stabiliser is not None  # no window is closed without it
+        held = np.concatenate([held_inputs(system, item, self._stabiliser) for item in self.experiments])
+        return held, feedback_of(system, self._stabiliser)
 
     def relative_error(self, rows: Array) -> float:
         errors = rows[: len(rows) - len(self.priors(self.start))].reshape(-1, len(self._noise))
@@ -196,8 +216,7 @@ class MultipleShootingProblem(FitProblem):
         given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}
         if horizon is not None and horizon <= self._open:
             return starts, states, outputs, self.inputs, given
-        given["feedback"] = feedback_of(self.system, self._stabiliser)
-        held = np.concatenate([held_inputs(self.system, item, self._stabiliser) for item in self.experiments])
+        held, given["feedback"] = self._closed(self.system)
         return starts, states, outputs, held, given
 
     def residuals(self, horizon: int | None) -> Residuals:

@@ -96,8 +96,7 @@ class ModelEvaluation:
 def evaluation(model: Model, record: Record, rig: Rig, *, part: Part = Part()) -> ModelEvaluation:
     """Evaluate a model on a part of a record of its rig.
 
-    Raises UserError for a record that does not fit the model's sampling or whose output is constant, and for an
-    unstable model of a rig that declares no stabiliser.
+    Raises UserError for a record that does not fit the model's sampling or whose output is constant.
     """
     experiment = experiment_of(model, record, part=part)
     try:
@@ -113,12 +112,10 @@ def evaluation(model: Model, record: Record, rig: Rig, *, part: Part = Part()) -
 def _without_free_run(model: Model, experiment: PreparedRecord, rig: Rig, why: UnstableError) -> dict[str, Any]:
     """What predictions say where the free run is meaningless."""
     windows = unstable_settings(rig)
-    if windows is None:
-        advice = f"for that declare the rig's stabiliser, experiments.stabiliser in {rig.file}"
-        raise UserError(f"{why}: {advice}") from why
+    advice = f": for that declare the rig's stabiliser, experiments.stabiliser in {rig.file}" if windows is None else ""
     ahead = predictions(model.system, experiment, windows)
     nothing: dict[str, Any] = {"scores": {}, "judgement": {}, "bands": {}, "uses": {}}
-    return {**nothing, "quality": GOOD, "unstable": str(why), "ahead": ahead}
+    return {**nothing, "quality": GOOD, "unstable": f"{why}{advice}", "ahead": ahead}
 
 
 def _of_free_run(model: Model, experiment: PreparedRecord, rig: Rig, run: Array) -> dict[str, Any]:

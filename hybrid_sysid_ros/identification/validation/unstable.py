@@ -11,14 +11,18 @@ import numpy as np
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
-from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, fastest_growth, held_inputs, settled
+from hybrid_sysid_ros.identification.shooting import (
+    UnstableFitSettings,
+    fastest_growth,
+    held_inputs,
+    runs_away,
+    settled,
+)
 from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-MOST_GROWTH = 1e6
-"""Growth of an error of the initial state over a free run above which the run is meaningless."""
 PAST, APART = 2.0, 0.5
 """Seconds of a record from which the initial state of a prediction is estimated, and seconds between predictions."""
 SECOND = 20
@@ -35,17 +39,27 @@ def check_free_run(system: System, experiment: PreparedRecord) -> None:
     """Raise UnstableError for a system whose free run over an experiment is meaningless: it is linearly unstable at
     rest, so that an initial error grows a million times, and its run has left the record.
     """
-    rate, seconds = fastest_growth(system), experiment.sampling.period * (experiment.samples - 1)
-    if rate * seconds <= np.log(MOST_GROWTH):
+    if not runs_away(system, experiment):
         return
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.mean((free_run(system, experiment) - experiment.outputs) ** 2, axis=0)
     if np.all(squares < np.var(experiment.outputs, axis=0)):
         return  # a nonlinear term bounds the growth, and the run follows the record
+    seconds = experiment.sampling.period * (experiment.samples - 1)
     raise UnstableError(
         f"{experiment.name}: an open free run over {seconds:.0f} s is meaningless for an unstable system: an error "
-        f"grows by e in {1.0 / rate:.3g} s; judge it by predictions of some seconds, and in closed loop"
+        f"grows by e in {1.0 / fastest_growth(system):.3g} s; judge it by predictions of some seconds, and in closed "
+        "loop"
     )
+
+
+def has_free_run(system: System, experiment: PreparedRecord) -> bool:
+    """Whether the free run over an experiment says something, see :func:`check_free_run`."""
+    try:
+        check_free_run(system, experiment)
+    except UnstableError:
+        return False
+    return True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,19 +92,21 @@ def predictions(
     Each begins in the state that fits the preceding PAST seconds best (states that no output shows come from the run
     with the stabiliser), and uses only the inputs after that; in closed loop these contain the stabiliser's answer to
     measurement noise. A prediction begins every APART seconds. Where an error grows by e in less than a second, that
-    time stands for a second. Without windows the rig has no stabiliser: all times are counted in samples then, of which
-    20 are a second, and the preceding samples decide all states.
+    time stands for a second. Without windows the rig has no stabiliser: 20 samples are a second then, unless an error
+    grows by e in fewer, and the preceding samples decide all states.
 
     Raises UserError for a stabiliser that does not fit the record's sampling.
     """
     sampling, n = experiment.sampling, len(system.declared_states)
-    second = sampling.period * SECOND if windows is None else 1.0 / max(fastest_growth(system), 1.0)
+    slowest = 1.0 if windows is not None else 1.0 / (sampling.period * SECOND)
+    second = 1.0 / max(fastest_growth(system), slowest)
     past, stride = round(PAST * second / sampling.period), max(round(APART * second / sampling.period), 1)
     if ahead is None:
-        ahead = [(seconds * second, closed and windows is not None) for seconds, closed in AHEAD]
+        far = windows is not None or not runs_away(system, experiment)  # what no stabiliser closes runs away
+        ahead = [(seconds * second, closed and windows is not None) for seconds, closed in AHEAD if far or not closed]
     hidden = [*system.record_map().unobserved, *range(n, len(system.states))]
     free, initial = [k for k in range(n) if k not in hidden], experiment.states.copy()
-    if windows is None:
+    if windows is None or windows.stabiliser is None:
         free, initial[:, hidden] = [*free, *hidden], initial_state(system, experiment)[hidden]
         noise = np.maximum(
             1e-3 * np.std(experiment.outputs, axis=0), 0.0 if experiment.noise is None else experiment.noise
@@ -115,7 +131,7 @@ def predictions(
         from_here = np.ascontiguousarray(states[starts[:, 3] + past])
         then = np.array([[0, (b + past) * sampling.every, length + 1, k * (length + 1)] for k, b in enumerate(begins)])
         inputs, options = experiment.inputs, dict(given)
-        if closed and windows:
+        if closed and windows is not None and windows.stabiliser is not None:
             inputs = held_inputs(system, experiment, windows.stabiliser)
             options["feedback"] = feedback_of(system, windows.stabiliser)
         _, outputs = rollouts(system, then, from_here, inputs, **options)
