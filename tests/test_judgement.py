@@ -15,9 +15,9 @@ RIG, PERIOD = load("cam_beam"), 0.05
     [
         (0.98, 1.5, 0.9, "good: it explains 98.0 % of the variance, its error is 1.5 times the sensor's noise alone"),
         (0.7, 12.0, 0.4, "fair: it explains 70.0 % of the variance, its error is 12 times the sensor's noise, its 90 % "
-         "band holds 40 %: the model is too sure of itself, or the rig was another one"),
+         "band holds 40 %: the model is too sure of itself, or the record differs in rig, scale or time"),
         (0.95, 99.0, 0.02, "fair: it explains 95.0 % of the variance, its error is 99 times the sensor's noise, its 90 "
-         "% band holds 2 %: the model is too sure of itself, or the rig was another one"),
+         "% band holds 2 %: the model is too sure of itself, or the record differs in rig, scale or time"),
         (-79.0, 300.0, 0.9, "useless: the mean of the record would be nearer (R2 -79.00)"),
     ],
 )  # fmt: skip

@@ -27,7 +27,7 @@ from hybrid_sysid_ros.identification.validation.stages import StageResiduals
 from hybrid_sysid_ros.library.models import identify
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.model import error_text, finite
+from hybrid_sysid_ros.models.model import FAILED, error_text, finite
 from hybrid_sysid_ros.models.structure import parse
 from hybrid_sysid_ros.report.sections import stages_of
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -159,7 +159,8 @@ def _reason(model: Model, name: str, records: Sequence[tuple[Record, Part]]) -> 
     """Why a model does not explain a training record, as the end of a sentence; "" where it is not known."""
     for record, part in records:
         if record.name == name and model.system.outputs:
-            sentence = run_quality(model.system, experiment_of(model, record, part=part)).sentence
+            quality = run_quality(model.system, experiment_of(model, record, part=part))
+            sentence = FAILED if model.failed and quality.kind not in ("sign", "unit") else quality.sentence
             return f": {sentence.removeprefix(f'{name}: ')}" if sentence else ""
     return ""
 

@@ -38,8 +38,10 @@ BETTER = 0.98
 """Factor of the training error by which lines between an input's samples must be better than held samples."""
 ALIKE = 0.01
 """Difference of scores by which a record is the same: another rule for the start of a run makes some thousandths."""
-REFINED, FINER = 0.3, (5, 4, 2)
-"""Share of a standard error by which a step may move a parameter, and the parts into which a longer step is cut."""
+REFINED, FINER = 0.3, (5, 4, 6, 3, 2)
+"""Share of a standard error by which a step may move a parameter, and the parts into which a longer step is cut, the
+first that fit the records' sampling.
+"""
 
 
 def identify(
@@ -147,16 +149,17 @@ def _by_training(
 
 
 def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
-    """The fit at a finer step where its step moves a parameter too far, and the context with that step; one of a system
-    that sticks is searched again from both sides.
+    """The fit at a finer step where its step moves a parameter too far, or by what nobody knows, as over open windows,
+    and the context with that step; one of a system that sticks is searched again from both sides.
     """
+    windows = fitted.chi_squared is not None
+    if windows and context.unstable is not None:
+        return context, fitted
     variances = np.diag(fitted.covariance)[: len(fitted.step_error)]
     rest = np.sqrt(np.maximum(variances - fitted.step_error**2, 1e-300))
-    if fitted.chi_squared is not None:  # over windows
-        return context, fitted
     held = [item.name for item in fitted.system.parameters if not item.fixed and item.name not in fitted.names]
     refined = context
-    for parts in FINER if np.any(np.abs(fitted.step_error) > REFINED * rest) else ():
+    for parts in FINER if windows or np.any(np.abs(fitted.step_error) > REFINED * rest) else ():
         try:
             sampling = replace(context.sampling, step=context.sampling.step / parts)
             resampled = [checked(record, context.rig, sampling) for record in context.records]

@@ -59,7 +59,7 @@ def guarded(function: Callable[..., Any], argument: str, gives: str) -> Callable
     return called
 
 
-def rig_of(value: RigLike, argument: str = "rig") -> Rig:
+def rig_of(value: RigLike, argument: str = "rig", load: Callable[[str | Path], Rig] = rigs.load) -> Rig:
     """A rig from a rig, its name, or the path of its folder."""
     if isinstance(value, Rig):
         return value
@@ -68,7 +68,7 @@ def rig_of(value: RigLike, argument: str = "rig") -> Rig:
             f"{argument} is {shown(value)}; give a rig's name, the path of its folder, or what load_rig returns"
         )
     with within(argument):
-        return rigs.load(value)
+        return load(value)
 
 
 def source_of(rig: RigLike) -> str:

@@ -18,6 +18,7 @@ from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.plausibility import check_limits, check_travel, slowness, spikes, strangeness
+from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.units import factor_of
 from hybrid_sysid_ros.support.arrays import Array
@@ -32,9 +33,10 @@ def load_rig(rig: str | Path) -> Rig:
     """Load a rig.
 
     rig: a name that ``hybrid-sysid rig list`` shows, or the path of a folder, such as "./my_rig", whose Python then
-    runs with your rights. Raises UserError where there is no such rig, or a file of it is wrong.
+    runs with your rights. What was edited since the last call is read again. Raises UserError where there is no such
+    rig, or a file of it is wrong.
     """
-    return arguments.rig_of(rig)
+    return arguments.rig_of(rig, load=rigs.reload)
 
 
 def read_bag(

@@ -25,6 +25,10 @@ FORMAT = 2
 Own = TypeVar("Own", bound="Model")
 NOTES = "notes.yaml"
 """File beside the model's own of what was noted of its training records after it was sealed."""
+FAILED = (
+    "the fit failed, for the mean of a record would be nearer; begin nearer (values in system.py), at more points "
+    "(the option starts), or with a smaller step"
+)
 TRIALS = 0.2, 0.45, 0.8
 """Points in the training range at which a step of a saved model is compared, to notice that the law has changed."""
 
@@ -77,9 +81,15 @@ class Model:
         title, met = f"{self.structure} of {self.rig}", [scores["r2"] for scores in self.scores.values()]
         if met:
             title += f", R2 {min(met):.4f} to {max(met):.4f} over {len(met)} training records"
+            title += f": {FAILED}" if self.failed else ""
         return text_table(
             title, ("parameter", "value", "standard error", "unit"), rows, most=7, rest="model.parameters"
         )
+
+    @property
+    def failed(self) -> bool:
+        """Whether the mean of a training record is nearer to it than the model's run."""
+        return any(not scores["r2"] > 0.0 for scores in self.scores.values())
 
     def started(
         self: Own, *, initial: str | None = None, initial_samples: int | None = None, warm_up: int | None = None

@@ -36,6 +36,11 @@ class RigFolder:
     path: Path
     package: str = ""
 
+    @property
+    def texts(self) -> tuple[bytes, bytes]:
+        """Of its files."""
+        return (self.path / SYSTEM).read_bytes(), (self.path / VALUES).read_bytes()
+
 
 def names() -> dict[str, str]:
     """The rigs that are known by name in any process, with their packages."""
@@ -148,8 +153,7 @@ def _imported(folder: RigFolder) -> ModuleType:
     try:
         if folder.package and (folder.path / "__init__.py").is_file():
             return importlib.import_module(f"{folder.package}.{path.stem}")
-        outside.tell(folder.path)
-        return importlib.import_module(outside.module_of(folder.path))
+        return outside.imported(folder.path)
     except (Exception, SystemExit) as error:  # a user's code can raise anything
         raise UserError(f"{path}: {_place(error, path)}{_described(error)}") from error
 

@@ -10,6 +10,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
@@ -18,7 +19,7 @@ from types import ModuleType
 
 VARIABLE = "HYBRID_SYSID_RIG_FOLDERS"
 """Environment variable with the folders of rigs that were given by their paths, a line each."""
-FILE = "system.py"
+FILE, TEXT = "system.py", "__text__"
 
 __path__: list[str] = []  # makes a package of this module, without files of its own
 
@@ -37,6 +38,17 @@ def tell(folder: Path) -> None:
 def module_of(folder: Path) -> str:
     """Full name of the module of a rig's system.py, one for each path."""
     return f"{__name__}.{folder.name}_{hashlib.sha256(str(folder).encode()).hexdigest()[:12]}"
+
+
+def imported(folder: Path) -> ModuleType:
+    """The module of a rig's system.py, read again where its text has changed, as notebooks and their users do."""
+    tell(folder)
+    name, text = module_of(folder), (folder / FILE).read_bytes()
+    if name in sys.modules and vars(sys.modules[name]).get(TEXT, text) != text:
+        del sys.modules[name]
+    module = import_module(name)
+    setattr(module, TEXT, text)
+    return module
 
 
 class _Finder(MetaPathFinder):

@@ -155,6 +155,8 @@ class Rig:
 
 
 _LOADED: dict[Path, Rig] = {}
+_TEXTS: dict[Path, tuple[bytes, bytes]] = {}
+"""Of their files, when they were read."""
 
 
 def load(rig: str | Path) -> Rig:
@@ -166,8 +168,16 @@ def load(rig: str | Path) -> Rig:
     """
     found = folders.find(rig or default())
     if found.path not in _LOADED:
-        _LOADED[found.path] = _read(found)
+        _TEXTS[found.path], _LOADED[found.path] = found.texts, _read(found)
     return _LOADED[found.path]
+
+
+def reload(rig: str | Path) -> Rig:
+    """As :func:`load`, but a rig whose files were edited since it was loaded is read again, for notebooks."""
+    found = folders.find(rig or default())
+    if _TEXTS.get(found.path) != found.texts:
+        _LOADED.pop(found.path, None)
+    return load(rig)
 
 
 def name_in(content: Mapping[str, Any]) -> str:

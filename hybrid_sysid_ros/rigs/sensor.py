@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -121,14 +121,16 @@ class Sensor:
         """Total noise, rms [reading unit]."""
         return math.hypot(self.hum.rms if self.hum else 0.0, self.white_noise)
 
-    def floor(self, period: float) -> float:
-        """The noise with that of rounding, of both ends of a window, rms [reading unit], in samples of a period [s]: a
-        hum whose periods fit into it is an offset there.
-        """
+    @property
+    def floor(self) -> float:
+        """The noise with that of rounding, of both ends of a window, rms [reading unit]."""
         rounded = self.quantiser.count / math.sqrt(6.0 if self.window else 12.0) if self.quantiser else 0.0
-        periods = self.hum.hertz * period if self.hum else 0.0
-        constant = abs(periods - round(periods)) < CONSTANT
-        return math.hypot(self.white_noise if constant else self.noise, rounded)
+        return math.hypot(self.noise, rounded)
+
+    def floor_of(self, period: float) -> float:
+        """That of samples of a period [s]: a hum whose periods fit into it is an offset there."""
+        periods = self.hum.hertz * period if self.hum else 0.5
+        return self.floor if abs(periods - round(periods)) > CONSTANT else replace(self, hum=None).floor
 
 
 class LowPassFilter:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -46,6 +47,20 @@ def test_signals_follow_from_the_joints(make):
     assert set(signals.channels) == {
         "reference_lower", "reference_heat", "reference_inflow", "command_pump", "command_heater",
     }  # fmt: skip
+
+
+def test_what_was_edited_is_read_again_by_whoever_loads_it(make):
+    """In a notebook the law is corrected between two fits; models that were loaded before keep theirs."""
+    folder = make()
+    before = hs.load_rig(folder)
+    assert hs.load_rig(folder) is before
+    (folder / "system.py").write_text(TANK.replace("0.1, 0.01, 1.0", "0.25, 0.01, 1.0"))
+    after = hs.load_rig(folder)
+    assert (before.system.named["area"], after.system.named["area"]) == (0.1, 0.25)
+    assert rigs.load("tanks") is after
+    (folder / "rig.yaml").write_text(f"{(folder / 'rig.yaml').read_text()}\nnamespace: other\n")
+    assert hs.load_rig(folder).namespace == "other"
+    assert pickle.loads(pickle.dumps(hs.load_rig(folder).system)).named["area"] == 0.25
 
 
 def test_each_folder_has_its_own_python(make):

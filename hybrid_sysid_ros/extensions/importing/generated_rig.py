@@ -21,6 +21,7 @@ from hybrid_sysid_ros.extensions.importing.system_text import MadeSignal, system
 from hybrid_sysid_ros.extensions.importing.time_columns import times_of_column
 from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unit_of_wraps, unwrapped, wraps_of
+from hybrid_sysid_ros.rigs.folder import SYSTEM
 from hybrid_sysid_ros.rigs.units import LARGEST, named
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -243,6 +244,6 @@ def _values_text(file: LogFile, inputs: Sequence[MadeSignal], outputs: Sequence[
     return (
         f"# Made of {file.path.name}: a rig for identification alone; docs/guides/rig-file.md describes all sections.\n"
         "# actuators: the record's limits and a quarter more, on their side of 0; put the real ones.\n"
-        "# demo: step and period [s] of fits.\n"
+        f"# demo: step and period [s] of fits; keep the stepper of {SYSTEM}, which suits the step.\n"
         f"# Where the motion ends, say so: travel: {{STATE: [low, high]}}.\n{text}"
     )

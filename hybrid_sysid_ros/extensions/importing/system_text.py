@@ -7,6 +7,7 @@ import keyword
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
@@ -19,6 +20,8 @@ STABLE = 2.0
 """Largest rate of decay, over a step: from 2.8 on Runge & Kutta's method diverges, so that a lag of first order, for
 which a fit makes this rate as large as it can, would end where a network beside it diverges.
 """
+ORDERS = (2, 3, 4)
+"""Of the differences by which noise is told from motion."""
 FARTHEST = 1000.0
 """Bounds of a parameter, in its first value."""
 
@@ -44,8 +47,11 @@ class MadeSignal:
 
     @property
     def noise(self) -> float:
-        """Of its sensor, rms [unit of the rig]."""
-        return float(np.median(np.abs(np.diff(self.values, 2))) / (0.6745 * np.sqrt(6.0)))
+        """Of its sensor, rms [unit of the rig]: the least that differences of some orders leave of a smooth motion."""
+        return min(
+            float(np.median(np.abs(np.diff(self.values, order))) / (0.6745 * np.sqrt(comb(2 * order, order))))
+            for order in ORDERS
+        )
 
     @property
     def turns(self) -> bool:

@@ -23,7 +23,7 @@ def noise_floors(rig: Rig, period: float) -> dict[str, float]:
     rig declares none.
     """
     pairs = zip(rig.system.outputs, rig.sensors, strict=True)
-    return {item.name: sensor.floor(period) * abs(sensor.scale) for item, sensor in pairs}
+    return {item.name: sensor.floor_of(period) * abs(sensor.scale) for item, sensor in pairs}
 
 
 def judgement(
@@ -48,6 +48,6 @@ def judgement(
         if wide and wide["held"] < HELD:
             grade = "fair" if grade == "good" else grade
             held = f"its 90 % band holds {100.0 * wide['held']:.0f} %"
-            why.append(f"{held}: the model is too sure of itself, or the rig was another one")
+            why.append(f"{held}: the model is too sure of itself, or the record differs in rig, scale or time")
         found[name] = f"{grade}: {', '.join(why)}"
     return found
