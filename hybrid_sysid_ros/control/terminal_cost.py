@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import LinAlgError, solve_discrete_are
 
+from hybrid_sysid_ros.control.cheapest_rest import cheapest_rest
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import jacobian_at, steady_motion
+from hybrid_sysid_ros.control.steady_motion import jacobian_at
 from hybrid_sysid_ros.control.terms import StageTerm
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
@@ -29,7 +30,7 @@ def riccati_terms(system: System, problem: ControlProblem, outputs: Array) -> tu
     problem = problem.sized(system)
     if outputs.shape != (len(system.outputs),):
         raise UserError(f"mpc: riccati_at has shape {outputs.shape}; give {len(system.outputs)} outputs in SI units")
-    rest = steady_motion(system, problem, outputs)
+    rest = cheapest_rest(system, problem, outputs)
     weights, (n, m) = problem.stage_weights, (len(system.states), len(system.inputs))
     a, b = np.eye(n), np.zeros((n, m))
     following, by_x, by_u = jacobian_at(system, problem, rest.state, rest.inputs, output=False)

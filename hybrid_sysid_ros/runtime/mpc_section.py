@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.control import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import SteadyMotion, jacobian_at, steady_motion
+from hybrid_sysid_ros.control.cheapest_rest import cheapest_rest
+from hybrid_sysid_ros.control.steady_motion import SteadyMotion, jacobian_at
 from hybrid_sysid_ros.control.terminal_cost import STILL, riccati_terms
 from hybrid_sysid_ros.control.terms import terms_of
 from hybrid_sysid_ros.control.tightening import Tightening, tightened
@@ -36,7 +37,7 @@ def about(system: System, problem: ControlProblem, outputs: Any) -> ControlProbl
     """
     at = _point(system, outputs, OPERATING)
     problem = problem.sized(system)
-    rest = steady_motion(system, problem, at)
+    rest = cheapest_rest(system, problem, at)
     tracked = np.array(problem.output_weights) > 0.0
     found, _, _ = jacobian_at(system, problem, rest.state, rest.inputs, output=True)
     if not np.allclose(found[tracked], at[tracked], rtol=STILL, atol=STILL):
@@ -84,7 +85,7 @@ def extended(
         problem = about(system, problem, given[OPERATING])
     if RICCATI in given:
         at = _point(system, given[RICCATI], RICCATI)
-        _check_within(system, problem, steady_motion(system, problem, at), f"mpc: {RICCATI}: to stay at {at.tolist()}")
+        _check_within(system, problem, cheapest_rest(system, problem, at), f"mpc: {RICCATI}: to stay at {at.tolist()}")
         last = riccati_terms(system, problem, at)
         problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
     if TIGHTENING in given:
