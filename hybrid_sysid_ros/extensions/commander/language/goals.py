@@ -77,7 +77,9 @@ class Goals(Values):
     def refuse_turning(self, found: list[Goal]) -> None:
         """Raise UserError for "reverse at 100 rpm"; a sign leaves no doubt."""
         turning = [share for share in self.clause.shares if share.factor < 0.0 and not share.of]
-        led = any(item.role == "to" for item in self.clause.quantities)  # "reverse to 10 rpm"
+        led = any(
+            item.role == "to" and folded(item.text)[:2] != "a " for item in self.clause.quantities
+        )  # "reverse to"
         if turning and len(found) == 1 and not led and self.turns(found[0]):
             found[0] = replace(found[0], value=-found[0].value, turned=True)
         elif turning and found and found[0].value >= 0.0:

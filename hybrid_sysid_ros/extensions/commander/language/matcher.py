@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.notes import FilledSlot, Notes, is_time
-from hybrid_sysid_ros.extensions.commander.language.parts import sentence_parts
+from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG, sentence_parts
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
 from hybrid_sysid_ros.extensions.commander.language.shared_units import share_units, with_units_of_lists
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
@@ -95,5 +95,7 @@ class _Matcher(Notes):
             later = found.part[0].value != "over" and self.begins()  # "over 5 s" says how long, wherever it stands
             return found._replace(slot="later" if later else "in")
         if found.slot == "in_or_to":  # "aumente em 2 m"
+            if SWUNG & {symbol.value for symbol in self.made.verbs}:  # "oscile em 2 m"
+                return found._replace(slot="plain")
             return found._replace(slot="by" if self.made.directions else "plain" if self.made.displacing else "to")
         return found

@@ -79,7 +79,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
         return any(letter in "VUOKTMu" for letter in before)
     if re.search("B(?:[KO]o?)?Q$", before):
         return False  # "between 4 and 6 rad/s, 5 s each"
-    if re.search("Q$" if listed else "Q.*RQ$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
+    if re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
 

@@ -14,7 +14,7 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quan
     ("plus_minus", "[WYo]?pQ"),
     ("here", "[WA]?H|AN[KO]"),
     ("around", "W?A(?:[KO]o?)?Q"),
-    ("share", "[TWY]?(?:Q|SN?)o?[NXx](?:o?[KO])?"),
+    ("share", "[TWY]?(?:Q|SN?)o?(?:[NXx](?:o?[KO])?|[KO]o?[NXx])"),
     ("full_speed", "W?(?:xo?[KO]|[KO]x)"),
     ("as_fast", "[SQ]g"),
     ("limit", "Tx(?:o?[KO])?|T[KO]x"),

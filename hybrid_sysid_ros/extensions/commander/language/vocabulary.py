@@ -55,7 +55,7 @@ class Vocabulary:
     def phrases(self) -> Mapping[tuple[str, ...], Symbol]:
         """What the rig's names mean; of the names of inputs, states and outputs that are not steered: why not."""
         steered = {self.outputs[k].name for k in self.tracked}
-        refused = {item.name: f"{item.name} is an input, which the controller sets: commands ask for {self.steered}"
+        refused = {item.name: f"{item.name} is an input, which the controller sets: say where {self.steered} is to go"
                    for item in self.rig.system.inputs}  # fmt: skip
         for item in (*self.rig.system.states, *self.rig.system.outputs):
             if item.name not in steered:

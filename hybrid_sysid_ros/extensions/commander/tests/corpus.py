@@ -185,7 +185,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "go to minus minus 1 V", Refused("two signs")),
     (BEAM, "set velocity to 0", Refused("they steer position")),
     (JOINT, "set the speed to zero", [go(0)]),
-    (BEAM, "set drive to 1 V", Refused("drive is an input, which the controller sets: commands ask for position")),
+    (BEAM, "set drive to 1 V", Refused("drive is an input, which the controller sets: say where position is to go")),
     (BEAM, "home and drive to 1 V", [HOME, go(1)]),
     (CONE, "set elevator to 1 degree", Refused("elevator is an input")),
     (WHEEL, "set the pwm to 100", Refused("pwm is an input")),
