@@ -261,6 +261,8 @@ def test_blocks_apart_spread_as_their_own_means():
     levels = np.repeat([0.3, -0.1, 0.4, 0.1], 50)
     found = block_spread(np.ones((200, 1)), levels, np.array([0, 100, 200]))
     assert found[0] == pytest.approx(np.std([0.3, -0.1, 0.4, 0.1], ddof=1) / 2)
+    level_and_gain = np.column_stack([np.ones(200), np.repeat([1.0, 2.0, 3.0, 4.0], 50)])  # which no block tells apart
+    assert np.isinf(block_spread(level_and_gain, levels, np.array([0, 100, 200]))).all()
 
 
 def test_a_short_piece_of_a_record_says_little_of_the_spread_and_of_the_errors_colour():

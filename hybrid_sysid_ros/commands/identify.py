@@ -205,6 +205,6 @@ def parameter_table(model: Model) -> Table:
         error = errors.get(item.name)
         if item.learned:
             continue
-        apart = [f"{spread[item.name]:.2g}" if item.name in spread else ""] if spread else []
+        apart = [error_text(spread[item.name]) if item.name in spread else ""] if spread else []
         table.add_row(item.name, f"{value:.4g}", error_text(error), *apart, item.unit)
     return table

@@ -26,6 +26,8 @@ BLOCKS = 4
 """Of records, whose estimates are compared."""
 SECANTS, MOST = 3, 80
 """Rounds in which the lengths of secants settle, and the most columns of which they are computed."""
+ALONE = 0.99
+"""Sum of squared shares from which one block alone determines a number."""
 
 
 def covariances(
@@ -88,7 +90,8 @@ def long_run(jacobian: Array, residuals: Array, edges: NDArray[np.int64], longes
 def block_spread(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> Array:
     """Standard errors (n,) by the spread of what each record, or block of one, would say alone, from one Gauss-Newton
     step; at least BLOCKS blocks, each with all priors, and as heavy as it determines the number (inverse variances;
-    Cochran 1954, Biometrics 10(1)). It grows with errors of the model, which differ between blocks.
+    Cochran 1954, Biometrics 10(1)). It grows with errors of the model, which differ between blocks; infinite where one
+    of them alone determines a number, or none.
     """
     cuts, pieces = [0], -(-BLOCKS // (len(edges) - 1))
     for begin, end in pairwise(edges):
@@ -101,9 +104,14 @@ def block_spread(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) ->
         inverse, unknown = _inverse(own.T @ own + prior)
         moves.append(inverse @ (own.T @ residuals[begin:end] + gradient))
         weights.append(np.where(unknown, 0.0, 1.0 / np.where(unknown, 1.0, np.diag(inverse))))
-    shares = np.array(weights) / np.maximum(np.sum(weights, axis=0), np.finfo(float).tiny)
+    total = np.sum(weights, axis=0)
+    shares = np.array(weights) / np.maximum(total, np.finfo(float).tiny)
     squares = np.square(np.array(moves) - np.sum(shares * moves, axis=0))
-    return np.asarray(np.sqrt(np.sum(shares * squares, axis=0) / (len(moves) - 1)))
+    one = np.sum(shares**2, axis=0)  # of as many equal blocks
+    several = (total > 0.0) & (one < ALONE)
+    return np.where(
+        several, np.sqrt(np.sum(shares * squares, axis=0) * one / np.where(several, 1.0 - one, 1.0)), np.inf
+    )
 
 
 def confidence(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> float:

@@ -24,7 +24,7 @@ INPUTS = (
 )  # fmt: skip
 OUTPUTS = (
     "y", "out", "output", "pos", "position", "angle", "theta", "phi", "q", "speed", "velocity", "vel", "omega", "rate",
-    "level", "meas", "measured", "measurement", "sensor", "encoder", "response", "height", "temperature", "temp",
+    "level", "meas", "measured", "measurement", "sensor", "encoder", "enc", "response", "height", "temperature", "temp",
     "pressure", "distance", "displacement", "altitude", "roll", "pitch", "yaw", "acceleration", "regelgröße",
     "regelgroesse", "messwert", "winkel", "drehzahl", "druck", "temperatur", "geschwindigkeit", "weg",
 )  # fmt: skip
