@@ -46,10 +46,14 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add these pages to those of docs/."""
-    for pages in _extensions().values():
+    """Add these pages, and their pictures, to those of docs/."""
+    for name, pages in _extensions().items():
         for address, path in pages.items():
             files.append(File.generated(config, address, content=path.read_text(encoding="utf-8")))
+        folder = ROOT / EXTENSIONS / name / DOCS
+        for path in sorted((*folder.rglob("*.svg"), *folder.rglob("*.png"))):
+            address = _address(path.relative_to(ROOT).as_posix())
+            files.append(File.generated(config, address, abs_src_path=str(path)))
     return files
 
 

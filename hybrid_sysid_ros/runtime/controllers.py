@@ -91,7 +91,7 @@ def controller_of(
         raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt needs policy:=exact")
     if network is None:
         network = policy.load(path, model=model)
-    doubt = _look_at(network, path, asked, settings, warn)
+    doubt = _look_at(network, path, system, asked, settings, warn)
     if settings["policy"] == "network":
         return ConfiguredController(
             controller=wrap_for_rig(rig, system, network), problem=network.problem, network=network, doubt=doubt
@@ -126,7 +126,9 @@ def _interior_point(system: System, problem: ControlProblem, settings: Mapping[s
     return made
 
 
-def _look_at(network: Policy, path: Path, asked: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> str:
+def _look_at(
+    network: Policy, path: Path, system: System, asked: ControlProblem, settings: Mapping[str, Any], warn: Warn
+) -> str:
     """Warn of a network's deficiencies; return the doubt that its certificate leaves, in words.
 
     A network alone needs a certificate that is good enough; a supervised one, which the exact MPC stands behind, needs
@@ -138,7 +140,7 @@ def _look_at(network: Policy, path: Path, asked: ControlProblem, settings: Mappi
         raise UserError(f"{path}: {found}; certificate:=ignore uses it all the same")
     if found:
         warn(f"{path}: {found}")
-    made = network.problem
+    made = network.problem.sized(system)
     names = [item.name for item in fields(ControlProblem) if getattr(asked, item.name) != getattr(made, item.name)]
     if names:
         warn(f"{path}: was trained with other values of {', '.join(names)} than the parameters have, and keeps them")

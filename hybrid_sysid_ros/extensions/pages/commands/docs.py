@@ -43,6 +43,8 @@ def command(
                 title = next(lines).strip("# \n")
             console.print(f"{name:<28}{title:<44}{path}")
         return
+    page = page.removesuffix(".md")
+    page = page if page in found else page.rsplit("/", 1)[-1]  # as pages name one another
     if page not in found:
         raise UserError(f"no page {page}: {errors.known(page, found)}")
     text = Markdown(found[page].read_text(encoding="utf-8"))

@@ -46,3 +46,7 @@ def test_pages_are_found_where_a_wheel_was_installed(monkeypatch, tmp_path):
     monkeypatch.setattr(docs, "CHECKOUT", tmp_path / "nowhere")
     monkeypatch.setattr(docs, "files", lambda name: [Installed("share/docs/concepts.md")])
     assert docs.pages() == {"concepts": page}
+
+
+def test_a_page_is_found_by_the_path_by_which_pages_name_it(command):
+    assert command("docs", "tutorials/add-a-rig.md") == command("docs", "add-a-rig")
