@@ -5,7 +5,7 @@ const element = (id) => document.getElementById(id);
 const MOST = 0.1; // s that are caught up at once
 const PUSHED = 0.3; // s
 const words = (name) => name.replaceAll("_", " ");
-const number = (value) => (Number.isFinite(value) ? (Math.abs(value) < 5e-5 ? "0.0000" : value.toPrecision(4)) : "not finite");
+const number = (value) => (Number.isFinite(value) ? (Math.abs(value) < 5e-5 ? "0.0000" : Math.abs(value) < 1 ? value.toFixed(4) : value.toPrecision(5)) : "not finite");
 
 const normal = () => Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random()); // Box, Muller
 
