@@ -94,13 +94,15 @@ class BoardLink:
 
     def open(self) -> None:
         """Open the port again, which may have been gone. Raises UserError as the constructor."""
-        os.close(self._line)
-        self._line = -1
+        self._close()
         self._line = _opened(self.port, self._speed)
 
-    def __del__(self) -> None:
-        if getattr(self, "_line", -1) >= 0:
-            os.close(self._line)
+    def _close(self) -> None:
+        if (line := getattr(self, "_line", -1)) >= 0:
+            self._line = -1
+            os.close(line)
+
+    __del__ = _close
 
     @property
     def silent(self) -> bool:
@@ -203,6 +205,8 @@ class BoardLink:
 
     def _read(self, patience: float) -> list[bytes]:
         """Answers that came; heartbeats are noted."""
+        if self._line < 0:  # the port has gone
+            return []
         try:
             if not select.select([self._line], [], [], patience)[0]:
                 return []
