@@ -105,7 +105,12 @@ def planned(sentence: Sentence, words: Vocabulary, rig: str) -> None:
     """Plan all that needs no memory, from a tenth of the set-points. Raises UserError for what is out of reach."""
     start = np.array([0.1 * output.high if output.moves else 0.0 for output in words.outputs])
     while True:
-        commands = [item for item in sentence.commands if not isinstance(item, Repeat | Undo | Adjust)]
+        commands = list[Command]()
+        for item in sentence.commands:
+            moved = any(not isinstance(before, Wait) for before in commands)  # from where it goes back
+            commands += (
+                [item] if not isinstance(item, Repeat | Adjust) and (moved or not isinstance(item, Undo)) else []
+            )
         start = plan_of(commands, start, words, ability(rig)).values[-1]
         if sentence.later is None:
             return

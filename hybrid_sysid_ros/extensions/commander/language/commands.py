@@ -38,6 +38,8 @@ class Undo(Command):
 
     pace: str = ""
     seconds: float | None = None
+    toward: float = 0.0
+    """The direction that was said, 1 or -1, 0 where none was."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -81,6 +81,8 @@ class Draft:
             k = int(np.flatnonzero(self.origins[0] != self.origins[-1])[0])
             first, last = (with_unit(origin[k], self.outputs[k]) for origin in (self.origins[0], self.origins[-1]))
             raise UserError(f"back to {first} or to {last} of {self.outputs[k].name}? say 'go to' one of them")
+        if command.toward and (command.toward * (self.origins[0] - self.here) < 0.0).any():
+            raise UserError("that is no way back: say 'repeat' for the same again, or 'up' or 'down' by how much")
         self.move(back_to(self.origins[0], self.vocabulary, command))
 
     def move(self, command: Move) -> None:

@@ -21,6 +21,7 @@ from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.matcher import clauses
 from hybrid_sysid_ros.extensions.commander.language.meanings import Meaning
+from hybrid_sysid_ros.extensions.commander.language.quantities import DoubtfulNumberError
 from hybrid_sysid_ros.extensions.commander.language.questions import is_question
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, says_more, stop_in
 from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
@@ -61,6 +62,9 @@ def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sente
             why = str(found) if isinstance(found, DoubtfulTimeError) or says_more(text) else ""
             return Sentence(text=text, commands=(), stops=True, why=why)
         raise _foreign(found, text, vocabulary) if isinstance(found, UnknownWordError) else found
+    doubt = refusals.get(_language(text, vocabulary))
+    if isinstance(doubt, DoubtfulNumberError):
+        raise doubt  # "1,000 mV", which only the other language reads
     if any(other != understood[0] for other in understood):
         raise UserError("this means one thing in English and another in Portuguese: say it in other words")
     return understood[0]

@@ -126,8 +126,7 @@ class Meaning(Adjustments):
         clause.shares = [share for share in clause.shares if share not in twice]
         clause.directions = []
         alone = self._alone()
-        self.left, clause.shares = kept[:2]
-        clause.directions = [] if alone else kept[2]
+        self.left, clause.shares, clause.directions = kept
         return alone
 
     def _alone(self) -> bool:
@@ -187,10 +186,11 @@ class Meaning(Adjustments):
             raise UserError(f"{self.verb} takes no output: leave {self.vocabulary.outputs[clause.targets[0]].name} out")
 
     def undo(self) -> commands.Undo:
-        seconds = self.seconds("in", "within")
+        seconds, toward = self.seconds("in", "within"), self.direction()
         if self.pace and seconds:
             raise UserError(f"{self.pace} and a time contradict one another: leave one out")
-        return commands.Undo(pace=self.pace, seconds=seconds)
+        self.clause.directions = []
+        return commands.Undo(pace=self.pace, seconds=seconds, toward=toward)
 
     def repeat(self) -> commands.Command:
         """Once, or so many times, or for so long; behind other commands that could mean these, too."""

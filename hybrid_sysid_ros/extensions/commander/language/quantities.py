@@ -20,6 +20,10 @@ GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+,|(?:,\d{3})+\.)\d+")
 """1.500,5 and 1,500.5 leave no doubt."""
 
 
+class DoubtfulNumberError(UserError):
+    """A number with one point or comma, which may part thousands."""
+
+
 class Token(NamedTuple):
     """A piece of a text, and which it is: a number, a word, a mark ..."""
 
@@ -136,7 +140,7 @@ class QuantityReader:
             return float(f"{''.join(groups)}.{last}")
         if decimal not in text and THOUSANDS.fullmatch(text):
             either = f"{re.sub('[.,]', decimal, text)} or {re.sub('[.,]', '', text)}"
-            raise UserError(f"{text}: {either}? say one of the two (diga um dos dois)")
+            raise DoubtfulNumberError(f"{text}: {either}? say one of the two (diga um dos dois)")
         return float(text.replace(",", "."))
 
     def _spelled(self) -> set[tuple[str, ...]]:

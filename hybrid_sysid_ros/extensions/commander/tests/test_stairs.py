@@ -63,6 +63,7 @@ def test_stairs_ask_for_what_was_not_said(text: str, why: str) -> None:
         ("go to 1 V and back 3 times", [1, 0] * 3),
         ("go to 1 V, wait 2 s, go to -1 V, repeat 2 times", [1, 1, -1] * 2),
         ("three times: go to 1 V, then -1 V", [1, -1] * 3),
+        ("up 1 V and back down, twice", [1, 0] * 2),
         ("repeat twice: go to 1 V, go to 0", [1, 0] * 2),
         ("up 1 V 3 times", [1, 2, 3]),
         ("up 1 V, wait 1 s, 3 times", [1, 1, 2, 2, 3, 3]),

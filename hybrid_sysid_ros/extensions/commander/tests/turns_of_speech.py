@@ -66,6 +66,8 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (CONE, "height 100 m and speed 10 m/s at the same time", [{"do": "smooth", "to": {"height": 100, "speed": 10}}]),
     (BEAM, "go to 1 V and go to 2 V at the same time", Refused("at the same time")),
     (BEAM, "go to 20 V", Refused("the nearest is 8 V")),
+    (BEAM, "up 1 V and up again", Refused("no way back")),
+    (BEAM, "1,000 mV", Refused("1.000 or 1000")),
     # As Brazilians speak.
     (BEAM, "opa, beleza, vai pra 2 V", [go(2)]),
     (BEAM, "tem como ir para 2 V?", [go(2)]),
