@@ -64,7 +64,7 @@ def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sente
         raise _foreign(found, text, vocabulary) if isinstance(found, UnknownWordError) else found
     doubt = refusals.get(_language(text, vocabulary))
     if isinstance(doubt, DoubtfulNumberError):
-        raise doubt  # "1,000 mV", which only the other language reads
+        raise doubt  # "1,000", which only the other language reads
     if any(other != understood[0] for other in understood):
         raise UserError("this means one thing in English and another in Portuguese: say it in other words")
     return understood[0]
