@@ -69,7 +69,7 @@ def model_of(training, correlation=0.99):
     """The rig's own equation as a model; two of its parameters are correlated."""
     names = tuple(item.name for item in RIG.system.parameters if not item.fixed)
     covariance = np.diag(np.full(len(names), 0.01**2))
-    covariance[0, 3] = covariance[3, 0] = correlation * 0.01**2
+    covariance[np.ix_([0, 3], [0, 3])] = 0.5**2 * np.array([[1.0, correlation], [correlation, 1.0]])
     return Model(
         rig="cam_beam",
         structure="gray",

@@ -56,10 +56,19 @@ def test_what_the_data_determine_is_not_doubted():
 
 
 def test_two_that_move_together_are_named_for_each_other():
-    found = doubts(model(correlations={("gain", "damping"): 0.97, ("gain", "centre"): -0.96}))
+    wide = {name: 0.1 * before(item) for name in ("gain", "damping", "centre") for item in FREE if item.name == name}
+    found = doubts(model(errors=wide, correlations={("gain", "damping"): 0.97, ("gain", "centre"): -0.96}))
     assert [doubt.parameter.name for doubt in found] == ["gain", "centre", "damping"]
     assert dict(found[0].correlated) == pytest.approx({"damping": 0.97, "centre": -0.96})
     assert "can't be told apart from damping (+0.97), centre (-0.96)" in str(found[0])
+
+
+def test_two_that_move_together_are_no_doubt_where_both_are_known():
+    fine = {"gain": 1e-3, "damping": 1e-3}
+    assert (
+        doubts(model(errors=fine, values={"gain": 5.0, "damping": 30.0}, correlations={("gain", "damping"): 0.99}))
+        == []
+    )
 
 
 @pytest.mark.parametrize("name", ["gain", "creep"])  # one between bounds, one with a prior

@@ -11,7 +11,10 @@ from hybrid_sysid_ros.core import Parameter
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array
 
-HIGHLY_CORRELATED = 0.95
+HIGHLY_CORRELATED, KNOWN = 0.95, 0.01
+"""Correlation from which two parameters can't be told apart, and the standard error, in a parameter's value, up to
+which it is known beside all others.
+"""
 UNDETERMINED = 0.5
 """Ratio of the standard error to the prior deviation above which the data contributed little."""
 AT_BOUND, ON_BOUND, FAR = 0.01, 0.001, 2.0
@@ -64,16 +67,18 @@ def doubts(model: Model) -> list[Doubt]:
     """The free physical parameters of a model that its data don't determine, with those that they are correlated with.
 
     A parameter is doubted if its standard error is above UNDETERMINED times the deviation before the fit, if it is at a
-    bound, has no effect, or is correlated by more than HIGHLY_CORRELATED with another. The covariance is that of the
-    linearised fit with its priors (Ljung 1999, section 9.4), which make errors smaller, never larger. A hybrid's
-    physics has a second prior, the anchor to the gray box, which a model does not store: examine the gray box instead.
+    bound, has no effect, or is correlated by more than HIGHLY_CORRELATED with another and not known to KNOWN. The
+    covariance is that of the linearised fit with its priors (Ljung 1999, section 9.4), which make errors smaller, never
+    larger. A hybrid's physics has a second prior, the anchor to the gray box, which a model does not store: examine the
+    gray box instead.
     """
     errors, pairs = model.standard_errors, correlated(model.names, model.covariance)
     found = []
     for item, value in zip(model.system.parameters, model.system.values, strict=True):
         if item.name not in errors:
             continue
-        others = [(b if a == item.name else a, value) for a, b, value in pairs if item.name in (a, b)]
+        others = [(b if a == item.name else a, other) for a, b, other in pairs if item.name in (a, b)]
+        others = others if errors[item.name] > KNOWN * abs(value) else []
         doubt = Doubt(
             parameter=item,
             value=float(value),
