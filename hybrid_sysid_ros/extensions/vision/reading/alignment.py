@@ -88,7 +88,7 @@ def aligned(
     pivot: tuple[float, float], gains: Array, points: Points, angle: float, reach: float, steps: int, out: Array,
 ) -> None:  # fmt: skip
     """Gauss-Newton from an angle on, in so many steps at most. out: angle [rad], its variance, mean capped difference
-    [counts], mean row, and the share of the points that the layers explain.
+    [counts], mean row, the share of the points that the layers explain, and the deviation of most of them [counts].
 
     The variance is that of correlated differences, as codecs make them: points of one block of texels count as one
     (White 1980, clustered), and those of two or four blocks where that is more. Its curvature is that of the robust
@@ -100,7 +100,7 @@ def aligned(
     scores = np.empty(blocks)
     histogram = np.zeros(BINS, dtype=np.int64)
     deviation = 0.0
-    out[1] = out[2] = out[3] = out[4] = np.nan
+    out[1:] = np.nan
     for step in range(steps):
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
@@ -131,7 +131,7 @@ def aligned(
             return
         deviation = max(_median(histogram, informative) / 0.6745, 0.7)
         move = gradient / curvature
-        out[0], out[2], out[3], out[4] = angle, total / used, rows / curvature, weights / used
+        out[0], out[2], out[3], out[4], out[5] = angle, total / used, rows / curvature, weights / used, deviation
         out[1] = _clustered(scores) / bend**2 if bend > 0.0 else np.nan
         if step > 1 and abs(move) * reach < SETTLED:
             break

@@ -41,7 +41,7 @@ class AngleReading:
     row: float
     """The row at whose time the angle was that: the mean of the pixels by what they tell of it."""
     difference: float
-    """Between picture and layers, mean [counts]."""
+    """Between picture and layers, standard deviation of most pixels [counts]: large where the joint is not there."""
     explained: float
     """Share of the pixels that the layers explain, from 0 to 1."""
 
@@ -84,7 +84,7 @@ class AngleReader:
         """Texels (points, 2) that an alignment looks at, from the pivot [pixels]."""
         stride = max(len(self.points) // FEW, 1)
         self._few = np.ascontiguousarray(self.points[::stride])
-        self._gains, self._out = np.ones(layers.background.shape[0]), np.empty(5)
+        self._gains, self._out = np.ones(layers.background.shape[0]), np.empty(6)
 
     def read(self, picture: NDArray[np.uint8]) -> AngleReading:
         """The angle of a picture (rows, columns).
@@ -152,7 +152,7 @@ class AngleReader:
         return bool(np.median(gains) >= LIT)
 
     def _reading(self, gains: Array) -> AngleReading:
-        angle, variance, difference, row, explained = self._out.tolist()
+        angle, variance, _, row, explained, difference = self._out.tolist()
         if not (explained >= EXPLAINED and variance >= 0.0 and self._lit(gains)):
             angle, variance, row = math.nan, math.inf, math.nan
         return AngleReading(

@@ -35,6 +35,8 @@ LEAP, RARE, LEAPS = 0.2, 3.0, 3
 """Share of all angles' range, and multiple of the turning points nine of ten of which are smaller, by which up to so
 many pictures in a row are off all of those around them: they show somebody who walks by."""
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is reported
+UNLIKE, PLAINLY = 5.0, 10.0
+"""Times as much as others, and counts, by which most pixels of a picture differ whose joint is not there."""
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
 
@@ -147,6 +149,8 @@ def followed(
             if len(shown) >= 4 * SHOWN:
                 every, shown = 2 * every, shown[::2]
             progress(len(rows))
+    unlike = unlike_pictures(np.array([row.difference for row in rows]))
+    rows = [replace(row, angle=np.nan, deviation=np.inf) if k else row for row, k in zip(rows, unlike, strict=True)]
     layers, angles = reader.layers, np.array([row.angle for row in rows])
     if len(rows) < 2:
         raise UserError(f"{view.path}: has one picture only")
@@ -211,6 +215,15 @@ def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDA
         if end - begin >= FROZEN and np.nanmax([*jumps, 0.0]) * reach > JUMP:
             found[begin + FROZEN - 1 : end] = True
     return found
+
+
+def unlike_pictures(differences: Array) -> NDArray[np.bool_]:
+    """Pictures (pictures,) most pixels of which differ [counts] so much more from the layers than those of others that
+    the joint is hidden, or gone; an alignment finds some angle there, too.
+    """
+    known = differences[np.isfinite(differences)]
+    usual = float(np.median(known)) if len(known) else 0.0
+    return differences > max(UNLIKE * usual, PLAINLY)
 
 
 def leaping_pictures(angles: Array) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.footage import unlike_pictures
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.light_across import LightMeter
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -44,6 +45,14 @@ def test_the_row_tells_at_which_moment_the_angle_was_that(reader: AngleReader) -
         reading = reader.read(imager.take(1.5, TIMES, middle + 1.0 * (TIMES - 1.5)))
         expected = middle + reader.layers.row_time(reading.row)
         assert math.degrees(reader.layers.position(reading.angle) - expected) == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_picture_without_the_joint_is_unlike_the_others(reader: AngleReader) -> None:
+    """An alignment takes what stands for some angle, and explains it by a deviation that is as large."""
+    seen = Imager(scene_of(RIG), CAMERA, seed=1).take(1.5, TIMES, np.zeros(len(TIMES)))
+    gone = np.clip(np.round(reader.layers.background), 0, 255).astype(np.uint8)
+    differences: Array = np.array([reader.read(picture).difference for picture in (seen, seen, seen, gone)])
+    assert unlike_pictures(differences).tolist() == [False, False, False, True]
 
 
 @pytest.mark.parametrize("middle", [-1.0, 0.3])
