@@ -29,6 +29,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Swing,
     Undo,
     Wait,
+    met,
 )
 from hybrid_sysid_ros.extensions.commander.language.goals import BIT
 from hybrid_sysid_ros.extensions.commander.language.plan import plan_of
@@ -114,7 +115,8 @@ def planned(sentence: Sentence, words: Vocabulary, rig: str) -> None:
         start = plan_of(commands, start, words, ability(rig)).values[-1]
         if sentence.later is None:
             return
-        sentence = sentence.later
+        assert sentence.condition is not None
+        start, sentence = met(sentence.condition, start), sentence.later
 
 
 def told(sentence: Sentence, words: Vocabulary) -> list[str]:

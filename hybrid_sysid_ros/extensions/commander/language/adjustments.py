@@ -53,6 +53,11 @@ class Adjustments(Goals):
     def compared(self) -> commands.Command:
         """What "slower" asks for: of a speed another value, of the last swing another frequency."""
         ((factor, text), *more) = self.clause.comparatives
+        again = any(symbol.value == "repeat" for symbol in self.clause.verbs)
+        if again and self.vocabulary.of_kind("speed"):
+            raise UserError(
+                f"{text!r}: the same again with more time, or at another speed? say 'repeat slowly', or {text!r}"
+            )
         if self.clause.nouns and {*self.clause.nouns} <= {"amplitude", "frequency"} and not more and not self.left:
             return self.larger(factor)
         if more or self.left or self.clause.shares:

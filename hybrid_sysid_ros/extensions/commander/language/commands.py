@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from hybrid_sysid_ros.support.arrays import Array
+
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
@@ -170,6 +172,14 @@ class Condition:
     def settled(self) -> bool:
         """Whether it is that nothing moves."""
         return not self.delay and self.output is None
+
+
+def met(condition: Condition, values: Array) -> Array:
+    """Outputs (outputs,), as they are shown, of which one has come to the value that a condition waits for."""
+    found: Array = values.copy()
+    if condition.output is not None and condition.output < len(found):
+        found[condition.output] = condition.value
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -155,7 +155,7 @@ class Interpreter:
         parts = list(plan.story)
         if sentence.later is not None and sentence.condition is not None:
             last = Carried(sentence.commands, plan.values[0]) if sentence.commands else None
-            later = self.plan(self.unfolded(sentence.later, last), plan.values[-1])
+            later = self.plan(self.unfolded(sentence.later, last), commands.met(sentence.condition, plan.values[-1]))
             when, words = self.awaited(sentence.condition), "; then ".join(later.story) + sentence.later.because
             if sentence.guards:
                 return f"{'; then '.join(parts)}; but {when} of its end{self.missed(sentence, plan)}: {words}"

@@ -56,7 +56,7 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quan
     ("pace", "[Cc]J?"),
     ("all", "l"),
     ("object", "J+"),
-    ("wish", "w"),
+    ("wish", "wJ?"),
     ("displacing", "y"),
     ("and", "(?!^)j(?!$)"),
 )

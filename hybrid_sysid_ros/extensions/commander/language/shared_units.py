@@ -29,7 +29,7 @@ def with_units_of_lists(found: Sequence[Symbol]) -> list[Symbol]:
                 made[k] = symbol._replace(value=(value, unit))
             else:
                 unit, joined = own if is_level(symbol) else None, long
-        elif symbol.kind == "j":
+        elif symbol.kind == "j" or (symbol.value == "then" and k + 1 < len(made) and made[k + 1].kind == "Q"):
             joined = True
         elif symbol.kind != ",":
             unit, joined = None, long
@@ -52,9 +52,9 @@ def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
 
 
 def _own(item: Quantity, vocabulary: Vocabulary) -> Sequence[Unit]:
-    """Units of the output that a value is of; none where that is not known."""
-    output = item.output if item.output is not None else vocabulary.tracked[0] if len(vocabulary.tracked) == 1 else None
-    return () if output is None else vocabulary.units_of(output)
+    """Units of the output that a value is of, or of all where that is not known."""
+    outputs = vocabulary.tracked if item.output is None else (item.output,)
+    return [unit for k in outputs for unit in vocabulary.units_of(k)]
 
 
 def _measures(item: Quantity, vocabulary: Vocabulary) -> bool:
@@ -71,7 +71,8 @@ def _lacks(item: Quantity, clause: Clause, unit: Unit, vocabulary: Vocabulary) -
     """Whether a value needs a unit, and this one measures its output. Of a pair one may stand for both."""
     goes_on = item.role == "" and clause.then and not clause.verbs
     paired = any(other.unit is not None and other.text == item.text for other in clause.quantities)
-    level = item.kind in SIZES or (not item.kind and (item.role in LEVELS or goes_on))
+    change = item.role == "" and bool(clause.directions)
+    level = item.kind in SIZES or (not item.kind and (item.role in LEVELS or goes_on or change))
     return (
         item.unit is None
         and item.value != 0.0

@@ -23,7 +23,7 @@ class StairsMeaning:
         values = self.values
         in_all = self.clause.count_of_steps > 0 and "every" not in values.roles  # "up 2 m in 4 steps"
         toward, seconds, rise, count = values.direction(), self.seconds(), self.rise(), self.count()
-        begin, end = self.ends()
+        begin, end = self.ends(rise)
         change = values.take(lambda item: item.role in ("", "by") and bool(item.base))
         if rise is None and not in_all:
             rise, change = change, None  # "up 0.5 m every 5 s"
@@ -75,8 +75,8 @@ class StairsMeaning:
             raise UserError(f"{count:g} steps: give a whole number up to {MOST_STEPS}")
         return int(count)
 
-    def ends(self) -> tuple[Quantity | None, Quantity | None]:
-        """From where, and to where."""
+    def ends(self, rise: Quantity | None) -> tuple[Quantity | None, Quantity | None]:
+        """From where, and to where; a rise has the unit of both where they have none."""
         found = [item for item in self.values.left if item.role in ("range", "span", "from", "to", "between")]
         for item in found:
             self.values.left.remove(item)
@@ -86,6 +86,6 @@ class StairsMeaning:
         if len(ends) > 1 or len(begins) > 1:
             raise UserError("stairs have one end: say 'from' one value 'to' another")
         begin, end = next(iter(begins), None), next(iter(ends), None)
-        if begin is not None and end is not None and begin.unit is None:
-            begin = replace(begin, unit=end.unit)
+        unit = next((item.unit for item in (end, rise) if item is not None and item.unit is not None), None)
+        begin, end = (replace(item, unit=item.unit or unit) if item else None for item in (begin, end))
         return begin, end

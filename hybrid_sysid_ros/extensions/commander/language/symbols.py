@@ -229,7 +229,8 @@ class _Reader(ConditionReader):
         if "x" in [kind for kind, _ in meanings] and said in self.vocabulary.words_of_names:
             raise UserError(f"{said!r}: the highest value, or a part of the rig? say 'to the maximum', or a value")
         if ("n", "rest") in meanings and not self._in_time(len(said.split())):
-            raise UserError(f"{said!r}: now, or in which time? say 'stop', or 'to 0 in 5 s'")
+            self.found.append(Symbol("V", "halt", said))
+            return
         for noun in [value for kind, value in meanings if kind == "n"]:
             if not self.vocabulary.of_kind(noun):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")

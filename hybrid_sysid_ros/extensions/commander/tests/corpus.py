@@ -32,7 +32,6 @@ from hybrid_sysid_ros.extensions.commander.tests.readings import (
 from hybrid_sysid_ros.extensions.commander.tests.turns_of_speech import TURNS_OF_SPEECH
 
 CORPUS: list[tuple[str, str, Any]] = [
-    # The issue's own.
     (BEAM, "hold 3 degrees", [go(3 / 1.3)]),
     (BEAM, "swing between -2 and 2 degrees at 0.2 Hz for 20 s", [swing(-2 / 1.3, 2 / 1.3, 0.2, 20)]),
     (BEAM, "go to -4 V slowly", [go(-4, pace="slowly")]),

@@ -263,3 +263,22 @@ def test_numbers_of_any_size_are_planned_soundly_or_refused(template: str) -> No
         assert np.isfinite(plan.values).all(), text
         assert (np.diff(plan.times) > 0.0).all(), text
         assert plan.duration <= 120.0 + 1e-9, text
+
+
+def test_what_follows_a_condition_goes_on_from_the_value_that_was_waited_for() -> None:
+    """From rest, 5 lies above; from 20, where the command begins, it lies below."""
+    reader = interpreter("flexible_joint")
+    sentence = reader.read("when the link speed reaches 20 rpm drop it to 5")
+    plan = plan_of(sentence.commands, np.zeros(2), reader.vocabulary, ability(reader.vocabulary))
+    simulator = replace(reader.simulator)
+    simulator.__dict__["ability"] = ability(reader.vocabulary)  # which takes a simulation
+    assert "from 20 rpm" in replace(reader, simulator=simulator).story(sentence, plan)
+
+
+def test_a_condition_may_be_of_an_output_that_nobody_steers() -> None:
+    words = interpreter("drill_string").vocabulary
+    sentence = grammar.read("when the top speed drops below 2 rad/s, go to 6 rad/s", words)
+    assert sentence.condition is not None
+    assert sentence.condition.output is not None
+    assert words.outputs[sentence.condition.output].name == "top_speed"
+    assert (sentence.condition.value, sentence.condition.side) == (2.0, -1.0)

@@ -68,6 +68,11 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (BEAM, "go to 20 V", Refused("the nearest is 8 V")),
     (BEAM, "up 1 V and up again", Refused("no way back")),
     (BEAM, "1,000 mV", Refused("1.000 or 1000")),
+    (DRILL, "4 then 6 then 8 rad/s, 20 seconds each", [go(4, hold=20), go(6, hold=20), go(8, hold=20)]),
+    (CONE, "go up a hundred meters, then come back down a hundred", [by(100, "height"), by(-100, "height")]),
+    (WHEEL, "the same again but slower", Refused("with more time, or at another speed")),
+    (JOINT, "give the link 30 rpm", [go(30)]),
+    (JOINT, "go to 30 rpm, then bring it to a standstill", [go(30), STOP]),
     # As Brazilians speak.
     (BEAM, "opa, beleza, vai pra 2 V", [go(2)]),
     (BEAM, "tem como ir para 2 V?", [go(2)]),
