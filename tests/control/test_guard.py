@@ -289,7 +289,8 @@ def test_a_stabiliser_goes_on_with_all_actuators_but_one_that_does_the_opposite(
     assert found.may_stabilise is (worst < LoopState.RESTING)
     assert max(levels) <= found.level
     if worst < LoopState.RESTING:
-        assert judge(found, 200, doubt=5.0)[-1] is LoopState.RESTING, "what else is in doubt rests it all the same"
+        assert judge(found, 200, doubt=5.0)[-1] is LoopState.HOLDING, "nor does it for what else is in doubt"
+        assert judge(found, 200, state=(9.0, 0.0))[-1] is LoopState.RESTING, "but it does where it is beyond its range"
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 2.0), (3.0, 0.0), (-1.0, 0.0), (-1.5, 0.0)])

@@ -149,6 +149,7 @@ def judge(
         core.reversed = int(reversed)
         _reverse(guard, core.reversed)
     kinds[ESTIMATE].value = doubt
+    kinds[ESTIMATE].worst = HOLDING if core.stabilised else RESTING
     _judge_actuators(guard, applied, elapsed)
     kinds[RANGE].value = _beyond(guard, state)
     level = judge_evidence(failsafe, kinds, min(elapsed, LONGEST))
