@@ -97,20 +97,21 @@ class BoardController:
             found = self.link.observe(time, outputs, applied, patience=self.patience)
         except BoardSilent:
             self.unanswered += 1
+            self.trouble = self.silence  # one that is only slow, as a computer that is busy, goes on
             return None
         return found if found.known else None
 
-    def look(self) -> bool:
-        """Whether the board is silent, which is noted as trouble."""
-        silent = self.link.silent
-        if silent:
-            self.trouble = f"nothing from the board on {self.link.port}: look at its power and its cable"
-        return silent
+    @property
+    def silence(self) -> str:
+        """That nothing comes from the board, "" where something does."""
+        return (
+            f"nothing from the board on {self.link.port}: look at its power and its cable" if self.link.silent else ""
+        )
 
     def _is_there(self) -> bool:
         """Whether the board may be asked; one that was silent or has started anew begins from the beginning."""
-        silent, restarted = self.look(), self.link.restarted
-        if not self.trouble and not restarted:
+        silent = self.link.silent
+        if not self.trouble and not self.link.restarted:
             return True
         if monotonic() - self._asked < ASK_AGAIN:
             return False

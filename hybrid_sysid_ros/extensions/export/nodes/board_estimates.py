@@ -81,7 +81,6 @@ class BoardEstimates:
     def tasks(self) -> Sequence[Task]:
         """The task of the board: silence, checksums, questions without an answer."""
         link = self.board.link
-        self.board.look()
         troubles = {
             "calls without an answer": self.board.unanswered,
             "frames that came damaged": link.frames.wrong,
@@ -99,4 +98,5 @@ class BoardEstimates:
             **self.answers.report("answer"),
         }
         task = self._node.judged("board", troubles, link.asked, **values)
-        return [task if not self.board.trouble else replace(task, level=ERROR, message=self.board.trouble)]
+        trouble = self.board.trouble or self.board.silence
+        return [replace(task, level=ERROR, message=trouble) if trouble else task]

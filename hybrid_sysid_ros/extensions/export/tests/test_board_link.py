@@ -113,15 +113,24 @@ def test_a_board_that_died_is_named_and_begins_anew_when_it_comes_back(problem):
     assert (driver.trouble, driver.restarts) == ("", 1)
 
 
+def test_a_board_that_was_only_waited_for_goes_on_with_its_past(problem):
+    """A busy computer gives nobody time to write, which is no silence of the board."""
+    board = PretendedBoard()
+    driver = controller(board, problem)
+    driver.link.heard = 0.0
+    assert asked(driver)[0].known
+    assert (board.resets, driver.restarts) == (1, 0)
+
+
 def test_a_port_that_has_gone_is_looked_for_again_and_again(problem):
     """As that of a cable that was pulled out: there is nothing to open until it is put in again."""
     board, other = PretendedBoard(), PretendedBoard()
     driver = controller(board, problem)
-    driver.link.port, driver.link.heard = "/dev/gone", 0.0
+    driver.link.port, driver.link.heard, board.mute = "/dev/gone", 0.0, True
     for _ in range(2):
         driver._asked = 0.0
         assert driver.observe(0.0, np.zeros(1), np.zeros(1)) is None
-        assert driver.look()
+        assert driver.trouble
     driver.link.port, driver._asked = other.port, 0.0
     assert driver.observe(0.0, np.zeros(1), np.zeros(1)).known
 
