@@ -105,7 +105,8 @@ def _stage(
     """
     commands: list[Command] = []
     for k, clause in enumerate(found):
-        if rounds := _rounds(clause, vocabulary, files) if commands or (not k and len(found) > 1) else 0:
+        heads = not (k or clause.verbs) and len(found) > 1 and not found[1].then  # "three times: ..."
+        if rounds := _rounds(clause, vocabulary, files) if commands or heads else 0:
             if not commands:
                 return _all_again(_stage(text, found[1:], vocabulary, files), rounds)
             commands *= rounds

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.extensions.commander.language import grammar
+from hybrid_sysid_ros.extensions.commander.language.commands import Home, Repeat
 from hybrid_sysid_ros.extensions.commander.tests.test_plan import BEAM, plan
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -77,6 +78,14 @@ def test_parts_are_repeated_in_their_order(text: str, ends: list[int]) -> None:
     assert plan(text).values[-1, 0] == pytest.approx(ends[-1])
     reached = [value for value, _ in zip(plan(text).values[:, 0], range(4000), strict=False)]
     assert {float(end) for end in ends} <= {round(value, 9) for value in reached}
+
+
+@pytest.mark.parametrize("text", ["repeat 3 times and then home", "3 times, then home"])
+def test_what_was_carried_out_before_is_repeated_before_what_follows(text: str) -> None:
+    again, home = grammar.read(text, BEAM).commands
+    assert isinstance(again, Repeat)
+    assert again.times == 3
+    assert isinstance(home, Home)
 
 
 @pytest.mark.parametrize(
