@@ -117,11 +117,12 @@ def _size_and_rate(path: Path, form: FilmFormat, times: Array, sizes: set[tuple[
     apart = np.diff(times)
     rate = 1.0 / float(np.median(apart)) if len(apart) else 0.0
     seconds = float(times[-1] - times[0])
-    few = len(times) < 2 * LOOKED_AT
+    long, slow = len(times) >= FEWEST, rate < SLOW
     yield Finding(
-        what="rate", found=f"{rate:.4g} pictures/s, {len(times)} in {seconds:.3g} s", bad=len(times) < FEWEST,
-        advice=f"film for ten seconds at least; {FEWEST} pictures are needed" if few
-        else f"what is faster than {rate / 4:.2g} Hz is not seen: film at 30 pictures/s or more" if rate < SLOW else "",
+        what="rate", found=f"{rate:.4g} pictures/s, {len(times)} in {seconds:.3g} s", bad=not long,
+        advice=f"what is faster than {rate / 4:.2g} Hz is not seen: film at 30 pictures/s or more" if long and slow
+        else f"film for ten seconds at least; {FEWEST} pictures are needed" if len(times) < 2 * LOOKED_AT
+        else "",
     )  # fmt: skip
     bits = 8.0 * path.stat().st_size / (len(times) * form.height * form.width)
     yield Finding(
