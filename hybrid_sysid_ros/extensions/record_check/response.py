@@ -150,6 +150,9 @@ def _judged(
         )  # fmt: skip
         return
     if follows < (CERTAIN if guessed else CLEAR):
+        scaled = found.correlation > CLEAR and not 0.72 < found.scale < 1.38
+        if scaled and is_undone(signal.values, expected, found.scale * expected):
+            yield _scale(signal, found)
         return
     if found.correlation < 0.0:
         yield _sign(signal, found)
@@ -207,11 +210,15 @@ def _differences(
             cure="let the sensor warm up, or take the line away; in a rig that integrates, an offset looks alike",
         )  # fmt: skip
     if not 0.72 < found.scale < 1.38 and found.correlation > 0.75:
-        yield RecordFinding(
-            kind="scale", cost=min(0.79, 0.72 + 0.02 * abs(np.log2(max(found.scale, 1e-6)))),
-            words=f"{signal.name} moves {found.scale:.3g} times as far as the rig's physics say",
-            cure="correct the scale or unit of the sensor or the input; or the rig's parameters, if they are guesses",
-        )  # fmt: skip
+        yield _scale(signal, found)
+
+
+def _scale(signal: CheckedSignal, found: Alignment) -> RecordFinding:
+    return RecordFinding(
+        kind="scale", cost=min(0.79, 0.72 + 0.02 * abs(np.log2(max(found.scale, 1e-6)))),
+        words=f"{signal.name} moves {found.scale:.3g} times as far as the rig's physics say",
+        cure="correct the scale or unit of the sensor or the input; or the rig's parameters, if they are guesses",
+    )  # fmt: skip
 
 
 def _hysteresis(

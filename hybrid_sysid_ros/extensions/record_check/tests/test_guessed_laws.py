@@ -112,3 +112,21 @@ def test_a_turned_angle_is_seen_where_a_loop_holds_what_integrates_and_its_noise
     turned = findings_of(replace(r, output=r.output * [-1.0, 1.0]), rig)
     assert [item.kind for item in turned] == ["sign"]
     assert turned[0].words.startswith("roll")
+
+
+def test_another_unit_is_seen_in_noise_too(call, tmp_path, monkeypatch):
+    """Where noise hides how a guessed law answers changes, and a factor undoes the error of the whole."""
+    monkeypatch.chdir(tmp_path)
+    lag = lfilter([0.05], [1.0, -0.95], STEPS)
+    speed = lag + 0.1 * lag.std() * np.random.default_rng(3).normal(size=len(lag))
+    rows = np.column_stack([np.arange(len(lag)), STEPS, speed])
+    np.savetxt("boat.csv", rows, delimiter=",", header="time,throttle,speed_m_s", comments="", fmt="%.9g")
+    program = partial(call, app.main, "hybrid-sysid")
+    assert program("rig", "from", "boat.csv", "./noisy_boat")[0] == 0
+    assert program("import", "boat.csv", "--rig", "./noisy_boat")[0] == 0
+    rig = hs.load_rig("./noisy_boat")
+    r = hs.read_bag("bags/boat", rig)
+    assert findings_of(r, rig) == []
+    found = findings_of(replace(r, output=3.6 * r.output), rig)
+    assert found[0].kind == "scale"
+    assert "moves 3." in found[0].words
