@@ -268,6 +268,7 @@ WRONG: list[Case] = [
 ]
 
 
+@pytest.mark.filterwarnings("ignore:.* are its times in ms")  # a doubt of the record, which stands below
 @pytest.mark.parametrize(("argument", "call"), WRONG, ids=[f"{k}-{name}" for k, (name, _) in enumerate(WRONG)])
 def test_a_wrong_argument_is_reported_in_one_line(
     things: SimpleNamespace, argument: str, call: Callable[[SimpleNamespace], object]
