@@ -102,6 +102,8 @@ class Goals(Values):
         self.refuse_rate(item, output)
         if sign and item.role == "at":
             raise UserError(f"{item.text!r}: to that value, or by it? say 'to' or 'by' instead of 'at'")
+        if not sign and item.role == "" and self.adds(item, output):
+            item = replace(item, role="by")
         if not sign and item.role == "" and self.open(item, output):
             verb = self.clause.displacing
             said = f"{verb.text} {item.text}" if verb else item.text
@@ -137,6 +139,11 @@ class Goals(Values):
         ):
             raise UserError(f"{sense.text!r}: directions are up and down, or a sign: say 'to' a value with its sign")
         return replace(goal, value=-goal.value) if sense.value == "backwards" else goal
+
+    def adds(self, item: Quantity, output: int) -> bool:
+        """Whether "plus" says a change, as in "height plus 80 m" of a rig that works about a point."""
+        about = self.vocabulary.rig.system.operating_point.get(self.vocabulary.outputs[output].name)
+        return bool(about) and folded(item.text.split()[0]) in ("plus", "mais")
 
     def open(self, item: Quantity, output: int) -> bool:
         """Whether a bare value could be a place or a change: behind a verb of moving, or with a plus."""

@@ -24,7 +24,7 @@ from hybrid_sysid_ros.extensions.commander.language.meanings import Meaning
 from hybrid_sysid_ros.extensions.commander.language.quantities import DoubtfulNumberError
 from hybrid_sysid_ros.extensions.commander.language.questions import is_question
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, says_more, stop_in
-from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
+from hybrid_sysid_ros.extensions.commander.language.symbols import JOINED, UnknownWordError, symbols
 from hybrid_sysid_ros.extensions.commander.language.values import Values
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, PERCENT, TIME
@@ -157,6 +157,8 @@ def _stage(
             joint, clause.together = (clause.together, "") if commands else ("", clause.together)
             meaning = Meaning(clause, vocabulary, files, behind=behind)
             made = meaning.command()
+            if commands == [made] == [Repeat()] and not JOINED.search(text):
+                continue  # "one more time, same as before"
             commands = _joined(commands, made, joint) if joint else _repeated(commands, made, meaning.times)
         if clause.each is not None:
             commands = _held(commands, clause.each, Values(clause, vocabulary).time(clause.each))

@@ -75,6 +75,7 @@ class Lexicon:
         self._enter(found, "while_holding", ((";", "while"), ("V", "hold")))
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))
         self._enter(found, "at_rest", (("n", "rest"), ("T", "to"), ("Q", (0.0, None))))
+        self._enter(found, "from_rest", (("n", "rest"), ("F", "from"), ("Q", (0.0, None))))
         for category, sign in {"climb_to": 1.0, "sink_to": -1.0}.items():
             self._enter(found, category, (("V", "go"), ("U", sign), ("h", "height"), ("T", "to")))
         self._enter(found, "level", (("n", "position"), ("V", "home")))
@@ -142,7 +143,7 @@ class Lexicon:
     @cached_property
     def closing(self) -> re.Pattern[str]:
         """What says at the end of a single part that it takes the place of what runs, as all commands do."""
-        return re.compile(rf"^([^,;:]*?)\s+(?:{'|'.join(self.table['closing'])})\W*$", re.IGNORECASE)
+        return re.compile(rf"^((?:[^,;:]|,(?=\d))*?)\s+(?:{'|'.join(self.table['closing'])})\W*$", re.IGNORECASE)
 
     @cached_property
     def units(self) -> Mapping[tuple[str, ...], str]:

@@ -65,7 +65,7 @@ class _Matcher(Notes):
         """
         if slot == "condition" and match.string[match.end() :][:2] in ("RQ", "rQ"):
             raise UserError("how long a condition lasts is not watched: say 'once it is still, wait 5 s, then go to 0'")
-        if not self.waiting or "Q" not in match[0] or match[0][-1] not in "KO":
+        if not self.waiting or slot == "share" or "Q" not in match[0] or match[0][-1] not in "KO":
             return match.end()
         return match.start() + match[0].index("Q") + 1
 

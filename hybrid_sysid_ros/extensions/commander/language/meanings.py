@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from hybrid_sysid_ros.extensions.commander.language.adjustments import Adjustmen
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause, Quantity
 from hybrid_sysid_ros.extensions.commander.language.files import Files, is_picture
 from hybrid_sysid_ros.extensions.commander.language.stairs import StairsMeaning
+from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.swings import SwingMeaning
 from hybrid_sysid_ros.extensions.commander.language.values import described
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
@@ -18,6 +20,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 FLAT = {"go", "step", "ramp", "stairs"}
 """Verbs that may lead along stairs."""
+LASTING = re.compile(r"(?:(?:for|with|com) )?(?:a )?(?:duration|duracao|lasting)\b")
+"""How long a motion itself takes, in small letters."""
 SPECIFIC = {"swing", "square", "toggle", "triangle", "chirp", "home", "undo"}
 """Verbs that say all, beside a general one."""
 
@@ -309,9 +313,14 @@ class Meaning(Adjustments):
                 begin = item
             else:
                 self.left.append(replace(item, role="to"))
+        if shape == "straight":  # a ramp lasts as long as it takes
+            self.left = [replace(item, role="in") if LASTING.match(folded(item.text)) else item for item in self.left]
         seconds = self.seconds("in", "within")
         hold = self.seconds("for")
-        rate = self.take(lambda item: item.role in ("at", "no_faster") and self.is_rate(item))
+        led = (
+            ("at", "no_faster", "by") if "to" in self.roles else ("at", "no_faster")
+        )  # "by 1 m/s each second to 4 m/s"
+        rate = self.take(lambda item: item.role in led and self.is_rate(item))
         pace = "" if self.pace == "slowly" else self.pace  # which a time or a rate may be: the plan knows
         paces = [given for given in (pace, seconds and "a time", rate and "a rate") if given]
         if len(paces) > 1:

@@ -13,6 +13,8 @@ from hybrid_sysid_ros.runtime.set_points import set_point_ranges
 
 ENDS = re.compile(r"[.,;:!?\n]|\b(?:then|and|ent[aã]o|e)\b", re.IGNORECASE)
 """Of parts of a text, each of which may ask or order something."""
+SET = re.compile(r"\bset\s+(?:to|at)\W*$", re.IGNORECASE)
+"""What a question may end with, which orders nothing there: "what are the inputs set to?"."""
 ORDERS = frozenset("VUMu;")
 """Kinds of symbols by which a part that begins with no question orders something."""
 
@@ -24,7 +26,7 @@ def is_question(text: str) -> bool:
     if stop_in(text):
         return False
     bare = "?" in text  # "position?"
-    parts = [words for part in ENDS.split(text) if (words := re.findall(r"[^\W_]+", folded(part)))]
+    parts = [words for part in ENDS.split(SET.sub("", text)) if (words := re.findall(r"[^\W_]+", folded(part)))]
     return any(_asks(parts, lexicon(language), bare=bare) for language in LANGUAGES)
 
 

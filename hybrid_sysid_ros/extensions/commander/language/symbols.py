@@ -42,6 +42,42 @@ PHRASES = (
     ),
     (re.compile(r"\b(?:per|por)\s+sec(?:ond)?s?\b|\bpor\s+segundo\b", re.I), "/s "),
     (re.compile(rf"\b(?!(?:{TIMED})\b)([^\W\d_]+|%)\s+a\s+sec(?:ond)?s?\b", re.I), r"\1/s "),
+    (
+        re.compile(
+            r"\b((?:at|than|most|ramp\b[^,;]{0,30}\bby)\s+(?:[\w.,+-]+\s+){1,3}?[^\W\d_]+(?:/s)?)\s+(?:each|every)\s+second\b",
+            re.I,
+        ),
+        r"\1/s ",
+    ),
+    (
+        re.compile(
+            r"^\s*could\s+the\s+(?!(?:[\w-]+\s+){1,2}(?:be(?!\s+\w+(?:ed|en)\b)|have|reach|hit|get|take|hold|stand)\b)",
+            re.I,
+        ),
+        "the ",
+    ),
+    (re.compile(r"\bone\s+(?=(?:each|every)\s+(?:second|minute|\d))", re.I), ""),
+    (re.compile(r"\b(each|every)\s+(?=(?:second|minute)\b(?!\s+(?:step|one|time|level|value)))", re.I), r"\1 1 "),
+    (
+        re.compile(
+            r"\b(for|wait|pause|hold|stay)\s+((?:[\w.,]+\s+){1,3}?)(?:more|further)\s+(?=(?:s|secs?|seconds?|mins?|minutes?)\b)",
+            re.I,
+        ),
+        r"\1 \2",
+    ),
+    (re.compile(r"\b(lower|higher|faster|slower)\s+than\s+(?:where\s+)?it\s+is(?:\s+now)?\b", re.I), r"\1"),
+    (re.compile(r"\b(mais\s+(?:alt|baix)[oa])\s+do\s+que\s+est[áa](?:\s+agora)?\b", re.I), r"\1"),
+    (re.compile(r"\b(?:knock|shave)\s+((?:[\w.,/^²]+\s+){1,4}?)off\b", re.I), r"reduce by \1"),
+    (re.compile(r"\bback\s+(it|her|the\s+\w+)\s+off\b", re.I), r"back off \1"),
+    (re.compile(r"\b(?:to|tae)\s+nothing(?=\s*(?:$|[,;.!]|(?:over|in|within|then)\b))", re.I), "to 0"),
+    (re.compile(r"^\s*steps?\s*:\s*(?=[^,;]+,[^,;]+,)", re.I), "step to "),
+    (
+        re.compile(
+            r"^(?!.*\b(?:then|and)\b)([^,;]+?),?\s+(?:but\s+)?wait(?:ing)?\s+(?:first\s+(?:for\s+)?([^,;]+?)|(?:for\s+)?([^,;]+?)\s+first)\W*$",
+            re.I,
+        ),
+        lambda match: f"wait {match[2] or match[3]}, then {match[1]}",
+    ),
     (re.compile(r"\bper\s+min(?:ute)?s?\b|\bpor\s+minuto\b", re.I), "/min "),
     (re.compile(r"\bper\s+h(?:our)?\b|\bpor\s+hora\b", re.I), "/h "),
     (re.compile(r"(?<=\w)\s*/\s*(s|min|h|seg)\b", re.I), lambda match: "/" + match[1].lower().replace("seg", "s")),
@@ -228,7 +264,7 @@ class _Reader(ConditionReader):
                 raise UserError(f"{said!r}: {reason}")
         if "x" in [kind for kind, _ in meanings] and said in self.vocabulary.words_of_names:
             raise UserError(f"{said!r}: the highest value, or a part of the rig? say 'to the maximum', or a value")
-        if ("n", "rest") in meanings and not self._in_time(len(said.split())):
+        if {("n", "rest"), ("T", "to")} <= {*meanings} and not self._in_time(len(said.split())):
             self.found.append(Symbol("V", "halt", said))
             return
         for noun in [value for kind, value in meanings if kind == "n"]:

@@ -15,6 +15,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
         "where is the beam now?", "what's the max speed I can ask for?", "how fast can it go",
         "could you tell me the position?", "qual é a velocidade agora", "onde está a viga?", "pode me dizer a posição?",
         "report speed and height", "position?", "Qual é o limite do drive?",
+        "what are the throttle and the elevator set to?", "keep doing exactly what you are doing",
         "is the bit sticking? how fast is it and how fast is the top",
     ],
 )  # fmt: skip
@@ -27,7 +28,7 @@ def test_a_question_is_one(text: str) -> None:
     [
         "where is it? go to 2 V", "what is it and hold", "tell it to go to 2 V", "can you go up a bit", "why not stop",
         "where is it, then go home", "what about two volts", "qual é a posição, e depois volte", "stop, where is it",
-        "home?", "2 V?", "up a bit?",
+        "what are they, then set to 0", "keep doing what you are doing, then go home", "home?", "2 V?", "up a bit?",
     ],
 )  # fmt: skip
 def test_what_may_be_a_command_is_no_question(text: str) -> None:
