@@ -157,7 +157,8 @@ def _stage(
             joint, clause.together = (clause.together, "") if commands else ("", clause.together)
             meaning = Meaning(clause, vocabulary, files, behind=behind)
             made = meaning.command()
-            if commands == [made] == [Repeat()] and not JOINED.search(text):
+            other = k > 0 and [verb.text for verb in clause.verbs] != [verb.text for verb in found[k - 1].verbs]
+            if commands == [made] == [Repeat()] and other and not JOINED.search(text):
                 continue  # "one more time, same as before"
             commands = _joined(commands, made, joint) if joint else _repeated(commands, made, meaning.times)
         if clause.each is not None:

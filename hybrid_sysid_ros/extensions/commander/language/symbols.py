@@ -73,10 +73,12 @@ PHRASES = (
     (re.compile(r"^\s*steps?\s*:\s*(?=[^,;]+,[^,;]+,)", re.I), "step to "),
     (
         re.compile(
-            r"^(?!.*\b(?:then|and)\b)([^,;]+?),?\s+(?:but\s+)?wait(?:ing)?\s+(?:first\s+(?:for\s+)?([^,;]+?)|(?:for\s+)?([^,;]+?)\s+first)\W*$",
+            r"^(?!.*\b(?:then|and)\b)([^,;]+?),?\s+(?:but\s+)?(?:(?:wait|paus|hold|stay)(?:e|ing)?\s+"
+            r"(?:first\s+(?:for\s+)?([^,;]+?)|(?:for\s+)?([^,;]+?)\s+first)|"
+            r"(?:but\s+first\s+wait|first\s+waiting)\s+(?:for\s+)?([^,;]+?))\W*$",
             re.I,
         ),
-        lambda match: f"wait {match[2] or match[3]}, then {match[1]}",
+        lambda match: match[0] if stop_in(match[0]) else f"wait {match[2] or match[3] or match[4]}, then {match[1]}",
     ),
     (re.compile(r"\bper\s+min(?:ute)?s?\b|\bpor\s+minuto\b", re.I), "/min "),
     (re.compile(r"\bper\s+h(?:our)?\b|\bpor\s+hora\b", re.I), "/h "),

@@ -85,6 +85,9 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (DRILL, "passage from 3 rad/s to 9 rad/s in 50 s for the bit", [go(9, begin=3, seconds=50)]),
     (DRILL, "steps: 3, 6, 9 rad/s, four seconds on each", [step(3, hold=4), step(6, hold=4), step(9, hold=4)]),
     (BEAM, "go to 2 V, waiting first 5 s", [wait(5), go(2)]),
+    (BEAM, "go to 2 V, but first wait 5 s", [wait(5), go(2)]),
+    (BEAM, "stop, wait 5 s first", [STOP]),
+    (BEAM, "stop, waiting first 5 s", [STOP]),
     (BEAM, "go to 1 V and then 2 V, waiting first 5 s", Refused("which comes first")),
     # Changes of what is.
     (BEAM, "shift it 0.6 V lower than it is", [by(-0.6)]),
