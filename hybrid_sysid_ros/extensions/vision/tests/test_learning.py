@@ -99,6 +99,7 @@ def test_a_pivot_that_moves_with_the_camera_makes_steps_as_unsure_as_they_are() 
     assert np.mean(unsure) == pytest.approx(math.sqrt(np.mean(ways)), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_camera_that_shakes_unknown_is_the_reason_for_layers_that_fit_no_scene() -> None:
     film, _, _ = _film(60)
     shaken = np.stack(
