@@ -33,8 +33,8 @@ def load_rig(rig: str | Path) -> Rig:
     """Load a rig.
 
     rig: a name that ``hybrid-sysid rig list`` shows, or the path of a folder, such as "./my_rig", whose Python then
-    runs with your rights. What was edited since the last call is read again. Raises UserError where there is no such
-    rig, or a file of it is wrong.
+    runs with your rights, and is read again where it was edited since the last call. Raises UserError where there is no
+    such rig, or a file of it is wrong.
     """
     return arguments.rig_of(rig, load=rigs.reload)
 

@@ -294,7 +294,8 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
     ranges = set_point_ranges(rig)
     crossing = [item.scale * (item.high - item.low) / RESUME_SECONDS if item.moves else NONE for item in ranges]
     rates = in_si(listed(values, "resume_rate", "parameter", len(ranges)), rig)
-    given = np.array(rates) != 0.0  # and is kept from wherever the rig is
+    ends = [[item.scale * end if item.moves else math.nan for end in (item.low, item.high)] for item in ranges]
+    reach = np.where(np.array(rates) != 0.0, math.nan, np.transpose(ends))  # a given rate holds from anywhere
     low, high = rig.limits
     known = state_bounds(rig)
     state_low, state_high = np.array([known.get(item.name, FREE) for item in system.states]).T
@@ -305,10 +306,7 @@ def guard_settings(values: Mapping[str, Any], rig: Rig, system: System) -> Guard
         ladder=Ladder(values["slow_after"], values["hold_after"], values["rest_after"]),
         slow_share=values["slow_share"],
         resume_rate=np.array([abs(rate) or cross for rate, cross in zip(rates, crossing, strict=True)]),
-        reach=(
-            np.where(given, math.nan, [item.scale * item.low if item.moves else math.nan for item in ranges]),
-            np.where(given, math.nan, [item.scale * item.high if item.moves else math.nan for item in ranges]),
-        ),
+        reach=(reach[0], reach[1]),
         recent=RECENT + rig.system.delay,
         tolerance=values["actuator_tolerance"],
         low=low,
