@@ -74,8 +74,8 @@ def _of_unstable_law(growth: float) -> RecordFinding:
     return RecordFinding(
         kind="unstable law", cost=0.75,
         words=f"by the rig's law an error grows by e in {1.0 / growth:.2g} s, so that no free run follows the record",
-        cure="name the gains of the loop that holds the rig (experiments.stabiliser in rig.yaml), so that fits take "
-        "short windows",
+        cure="fits take short windows by themselves; name the gains of the loop that holds the rig "
+        "(experiments.stabiliser in rig.yaml), so that models are judged in closed loop, too",
     )  # fmt: skip
 
 
