@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -10,6 +11,8 @@ from pathlib import Path
 from hybrid_sysid_ros.support.errors import UserError
 
 COMPILERS = ("cc", "gcc", "clang")
+CHOICE = "CC"
+"""Environment variable that names another one, as make has it."""
 FLAGS = ("-std=c99", "-O2", "-pedantic", "-Wall", "-Wextra")
 TIME_LIMIT = 900.0
 """Of compiling, and of running what was compiled [s]; the first time ziglang compiles its C library, too."""
@@ -18,7 +21,16 @@ LARGEST = re.compile(r"largest difference (\S+),")
 
 
 def found() -> str | None:
-    """The first of the usual compilers that is on the path."""
+    """The compiler that CC names, else the first of the usual ones that is on the path.
+
+    Raises UserError where CC names no program.
+    """
+    if chosen := os.environ.get(CHOICE):
+        if shutil.which(chosen) is None:
+            raise UserError(
+                f"{CHOICE}={chosen}: there is no such program; give the name or path of a C compiler, without flags"
+            )
+        return chosen
     return next((name for name in COMPILERS if shutil.which(name)), None)
 
 

@@ -41,6 +41,19 @@ def test_without_a_compiler_it_says_what_still_works(tmp_path, monkeypatch):
     assert not (tmp_path / "unit").exists()
 
 
+def test_the_compiler_is_the_one_that_cc_names(tmp_path, monkeypatch):
+    own = tmp_path / "mine"
+    own.write_text("#!/bin/sh\n")
+    monkeypatch.setenv("CC", str(own))
+    with pytest.raises(UserError, match="there is no such program"):
+        compiler.found()
+    own.chmod(0o755)
+    assert compiler.found() == str(own)
+    monkeypatch.setenv("CC", f"{own} -O3")
+    with pytest.raises(UserError, match="without flags"):
+        compiler.found()
+
+
 @pytest.mark.parametrize(
     ("settings", "what"),
     [

@@ -15,6 +15,9 @@ from hybrid_sysid_ros.support.errors import UserError
 
 PARTS = {"csrc/src": "*.c", "csrc/include": "*.h"}
 LICENCE = "LICENSE"
+LEFT_OUT = Path(__file__).parent / "c" / "left_out.c"
+UNUSED = ("avi.c", "bnb.c", "eq_elim.c", "hierarchical.c", "presolve.c")
+"""Files for what no loop needs; LEFT_OUT has what the others call of them."""
 TIME_LIMIT = 300.0
 """Of a download [s], with what its metadata takes."""
 
@@ -35,14 +38,13 @@ def daqp(given: Path | None = None) -> Path:
     return kept
 
 
-def copy_to(source: Path, target: Path) -> list[str]:
-    """Copy the C and its licence to a folder; return the names of the C files."""
+def copy_to(source: Path, target: Path) -> None:
+    """Copy the C that a loop needs and its licence to a folder."""
     target.mkdir()
-    for part, pattern in PARTS.items():
-        for path in sorted((source / part).glob(pattern)):
+    paths = [path for part, pattern in PARTS.items() for path in (source / part).glob(pattern)]
+    for path in (*paths, source / LICENCE, LEFT_OUT):
+        if path.name not in UNUSED:
             shutil.copyfile(path, target / path.name)
-    shutil.copyfile(source / LICENCE, target / LICENCE)
-    return sorted(path.name for path in target.glob("*.c"))
 
 
 def _is_whole(place: Path) -> bool:

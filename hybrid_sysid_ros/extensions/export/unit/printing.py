@@ -113,7 +113,9 @@ class Printer:
         lines = []
         for name in self.written:
             if name.startswith(prefix):
-                lines += self._beginning(name)[1] or [f"    memset({self.place(name)}, 0, sizeof {self.place(name)});"]
+                table, own = self._beginning(name)
+                lines += [] if table else [f"    memset({self.place(name)}, 0, sizeof {self.place(name)});"]
+                lines += own
         return "\n".join(lines)
 
     def _beginning(self, name: str) -> tuple[list[str], list[str]]:
@@ -124,6 +126,11 @@ class Printer:
             lines += [f"    for (int i = 0; i < {array.size}; i++) {{"]
             lines += [f"        {self.place(name)}[i].{key} = i;" for key in set_members]
             lines += ["    }"]
+        elif step := _step_of(array):
+            first = np.flatnonzero(array)[0]
+            value = literal(array.ravel()[first], self.translator.suffix)
+            lines += [f"    for (int i = {first}; i < {array.size}; i += {step}) {{"]
+            lines += [f"        {self.place(name)}[i] = {value};", "    }"]
         elif array.tobytes().strip(b"\0"):
             tables.append(self.table(f"{self.rig}_{name}_at_first", array))
             lines.append(f"    memcpy({self.place(name)}, {self.rig}_{name}_at_first, sizeof {self.place(name)});")
@@ -234,6 +241,19 @@ class Printer:
         text = re.sub(r"\$(\w+)\$(, |)", memory, text)
         text = re.sub(r"§(\d+)§", lambda found: "" if self.translator.places[int(found[1])].written else "const ", text)
         return text.replace("PLACEHOLDER", self.rig)
+
+
+def _step_of(array: Array) -> int:
+    """The step between the only numbers of an array that are not zero, where they are all the same, as in a unit
+    matrix; else 0.
+    """
+    if array.dtype.names:
+        return 0
+    flat = array.ravel()
+    places = np.flatnonzero(flat)
+    step = int(places[1] - places[0]) if len(places) > 1 else flat.size
+    same = len(places) > 0 and np.array_equal(places, np.arange(places[0], flat.size, step))
+    return step if same and len({value.tobytes() for value in flat[places]}) == 1 else 0
 
 
 def layout_of(records: list[tuple[np.dtype[Any], str]], mutable: dict[str, set[str]]) -> MemoryLayout:

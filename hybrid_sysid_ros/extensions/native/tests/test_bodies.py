@@ -34,7 +34,7 @@ from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.configuration import settings
-from tests.node_bench import VOLT, Bench, ask, joint, stamp_of
+from tests.node_bench import PATIENCE, VOLT, Bench, ask, joint, stamp_of
 
 BODIES = ("python", "native")
 Fault = Callable[[float], float]
@@ -79,9 +79,15 @@ class LoopBody:
         bench.until(lambda: self.measurements.get_subscription_count() and self.references.get_subscription_count())
 
     def close(self) -> None:
+        """End the process in order, and wait until its readers have gone: the middleware once crashed where the probe
+        was destroyed right behind a partner that was killed.
+        """
         if self.process is not None:
-            self.process.kill()
-            self.process.communicate()
+            self.process.terminate()
+            _, complaint = self.process.communicate(timeout=PATIENCE)
+            assert self.process.returncode == 0, complaint
+            outlets = self.measurements, self.references
+            self.bench.until(lambda: not any(outlet.get_subscription_count() for outlet in outlets))
 
     def ask(self, name: str, node: str = "controller") -> Any:
         return ask(self.bench, Trigger, f"{node}/{name}", Trigger.Request())
