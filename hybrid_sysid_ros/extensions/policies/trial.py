@@ -38,6 +38,33 @@ ROUNDING = 1e-9
 """By how much an input may be outside of its bounds [its unit]."""
 
 
+class Courses(NamedTuple):
+    """Loops of T periods as they went; n states, m inputs, p outputs."""
+
+    states: Array
+    """(loops, T + 1, n), before each period's push, and at the end."""
+    inputs: Array
+    """(loops, T, m)."""
+    exact: Array
+    """(loops, T, m), the answers of the exact MPC beside the driver."""
+    outputs: Array
+    """(loops, T, p), at the end of each period."""
+    references: Array
+    """(loops, T, p), of these."""
+    costs: Array
+    """(loops, T)."""
+    reasons: NDArray[np.int64]
+    """(loops, T), what the online check found, -1 where none was made."""
+    answered: NDArray[np.bool_]
+    """(loops, T), whether there is such an answer."""
+    solutions: NDArray[np.bool_]
+    """(loops, T), whether it is converged."""
+    excess: Array
+    """(loops, 1), largest distance of a state from its bounds."""
+    first: Array
+    """(loops, m), the inputs before."""
+
+
 class Driven(NamedTuple):
     """A loop of T periods, and who said what in it."""
 
@@ -137,6 +164,20 @@ class Drivers:
             reasons=np.zeros(periods, np.int64),
             outputs=np.zeros((periods, p)),
         )
+        loop, course = self._loop, self._loop.course
+        self._parts = Courses(
+            states=course.states,
+            inputs=course.inputs,
+            exact=loop.exact,
+            outputs=loop.outputs,
+            references=course.references[:periods],
+            costs=course.costs,
+            reasons=loop.reasons,
+            answered=loop.answered,
+            solutions=loop.solutions,
+            excess=course.excess,
+            first=course.initial_inputs[0],
+        )
         names = "input_low", "input_high", "rate_limits"
         self._low, self._high, self._rates = (np.array(getattr(problem, name)) for name in names)
         self._tracked = np.array(problem.output_weights) > 0.0
@@ -146,43 +187,63 @@ class Drivers:
         """Let a driver go beside the exact MPC, which is asked the same at each period. The exact MPC's own loop comes
         first.
         """
-        loop, course = self._loop, self._loop.course
-        scenario.write(course)
-        loop.plant.parameters[:] = scenario.plant.values
-        drive(loop, driver, self._problem.period)
-        exact, inputs, states = loop.exact.copy(), course.inputs.copy(), course.states.copy()
-        errors = np.where(loop.answered, np.max(np.abs(inputs - exact) / loop.input_error, axis=1), np.inf)
-        worst = int(np.argmax(errors))
-        excess = float(course.excess[0]) if self._within(scenario.inputs[0], inputs) else np.inf
-        outside = self._trial.criteria.outside(states[1:])
-        unsolved = np.sum(~loop.solutions)
-        measures = np.array([course.costs.sum(), errors[worst], worst, unsolved, excess, *outside, 0.0])
-        off = loop.outputs[self._settled :] - scenario.references[self._settled : len(inputs)]
-        return Driven(states, inputs, exact, loop.reasons.copy(), np.where(self._tracked, np.abs(off), 0.0), measures)
+        kept = self.courses(1)
+        self.begin(scenario)
+        self.record(driver, kept, 0)
+        errors, measures = self.measures(kept)
+        return Driven(kept.states[0], kept.inputs[0], kept.exact[0], kept.reasons[0], errors[0], measures[0])
 
-    def _within(self, first: Array, inputs: Array) -> bool:
-        """Whether inputs (T, m) and their changes, after the ``first`` ones (m,), are within their bounds."""
-        changes = np.abs(np.diff(inputs, axis=0, prepend=np.clip(first, self._low, self._high)[None]))
-        inside = np.all((self._low <= inputs) & (inputs <= self._high))
-        return bool(inside and np.all(changes <= self._rates + ROUNDING))
+    def begin(self, scenario: Scenario) -> None:
+        """Take a scenario for the loops to come."""
+        scenario.write(self._loop.course)
+        self._loop.plant.parameters[:] = scenario.plant.values
+
+    def record(self, driver: int, kept: Courses, row: int) -> None:
+        """Run the loop of a driver and keep its course in a row."""
+        drive(self._loop, driver, self._problem.period)
+        for own, part in zip(kept, self._parts, strict=True):
+            own[row] = part
+
+    def courses(self, loops: int) -> Courses:
+        """Room for some loops."""
+        return Courses(*(np.empty((loops, *part.shape), part.dtype) for part in self._parts))
+
+    def measures(self, kept: Courses) -> tuple[Array, Array]:
+        """Tracking errors (loops, settled periods, p) and measures (loops, measures), but for TRACKING."""
+        apart = np.max(np.abs(kept.inputs - kept.exact) / self._loop.input_error, axis=2)
+        errors, rows = np.where(kept.answered, apart, np.inf), np.arange(len(apart))
+        worst = np.argmax(errors, axis=1)
+        excess = np.where(self._within(kept), kept.excess[:, 0], np.inf)
+        outside = np.array([self._trial.criteria.outside(states[1:]) for states in kept.states]).T
+        unsolved = np.sum(~kept.solutions, axis=1)
+        found = [kept.costs.sum(axis=1), errors[rows, worst], worst, unsolved, excess, *outside, np.zeros(len(rows))]
+        off = np.abs(kept.outputs - kept.references)[:, self._settled :]
+        return np.where(self._tracked, off, 0.0), np.column_stack(found)
+
+    def _within(self, kept: Courses) -> NDArray[np.bool_]:
+        """Whether inputs and their changes, after the first ones, are within their bounds, (loops,)."""
+        first, axes = np.clip(kept.first, self._low, self._high)[:, None], (1, 2)
+        changes = np.abs(np.diff(kept.inputs, axis=1, prepend=first))
+        inside = np.all((self._low <= kept.inputs) & (kept.inputs <= self._high), axis=axes)
+        return inside & np.all(changes <= self._rates + ROUNDING, axis=axes)
 
 
 def measured(trial: Trial, loops: tuple[int, int]) -> dict[str, NDArray[Any]]:
     """Measures (loops, drivers, measures) and reasons (loops, reasons) of the loops from .. to."""
-    numbers = range(*loops)
+    numbers, drivers = range(*loops), Drivers(trial)
     measures = np.zeros((len(numbers), len(DRIVERS), len(MEASURES)))
-    reasons = np.zeros((len(numbers), len(REASONS)), dtype=np.int64)
-    drivers, settled = Drivers(trial), np.zeros(0)
-    tracked = list(trial.policy.tracked)
-    allowed = np.array(trial.criteria.tracking_error)[tracked]
+    kept = [drivers.courses(len(numbers)) for _ in DRIVERS]
     for row, loop in enumerate(numbers):
-        scenario = trial.scenario(loop)
+        drivers.begin(trial.scenario(loop))
         for driver in DRIVERS:
-            driven = drivers.run(scenario, driver)
-            measures[row, driver] = driven.measures
-            settled = driven.errors if driver == EXACT else settled
-            beyond = (driven.errors - settled)[:, tracked] / allowed
-            measures[row, driver, TRACKING] = beyond.max() if np.isfinite(beyond).all() else np.inf
-            if driver == SUPERVISED:
-                reasons[row] = np.bincount(driven.reasons, minlength=len(REASONS))
-    return {"measures": measures, "reasons": reasons}
+            drivers.record(driver, kept[driver], row)
+    tracked, settled = list(trial.policy.tracked), np.zeros(0)
+    allowed = np.array(trial.criteria.tracking_error)[tracked]
+    for driver in DRIVERS:
+        errors, measures[:, driver] = drivers.measures(kept[driver])
+        settled = errors if driver == EXACT else settled
+        beyond = (errors - settled)[:, :, tracked] / allowed
+        sound = np.isfinite(beyond).all(axis=(1, 2))
+        measures[:, driver, TRACKING] = np.where(sound, beyond.max(axis=(1, 2)), np.inf)
+    counts = [np.bincount(found, minlength=len(REASONS)) for found in kept[SUPERVISED].reasons]
+    return {"measures": measures, "reasons": np.array(counts, dtype=np.int64).reshape(-1, len(REASONS))}
