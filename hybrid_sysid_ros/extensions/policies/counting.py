@@ -26,8 +26,8 @@ from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import StageProgress
 
-CHUNK = 32
-"""Loops that a process runs between two looks."""
+CHUNK = 128
+"""Loops that a process runs between two looks: the controllers of a trial take as long to make as a loop to run."""
 
 WORST = 5
 """Worst loops named, of each driver and criterion."""
