@@ -88,7 +88,8 @@ def aligned(
     pivot: tuple[float, float], gains: Array, points: Points, angle: float, reach: float, steps: int, out: Array,
 ) -> None:  # fmt: skip
     """Gauss-Newton from an angle on, in so many steps at most. out: angle [rad], its variance, mean capped difference
-    [counts], mean row, the share of the points that the layers explain, and the deviation of most of them [counts].
+    [counts], mean row, the share of the points that the layers explain, the deviation of most of them [counts], and by
+    how much the angle is another one where each edge is off by a count, all to one side [rad/count].
 
     The variance is that of correlated differences, as codecs make them: points of one block of texels count as one
     (White 1980, clustered), and those of two or four blocks where that is more. Its curvature is that of the robust
@@ -104,7 +105,7 @@ def aligned(
     for step in range(steps):
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
-        gradient = curvature = bend = rows = total = weights = 0.0
+        gradient = curvature = bend = rows = total = weights = one_sided = 0.0
         scores[:], histogram[:], used, informative = 0.0, 0, 0, 0
         for k in range(count):
             difference, slope, _, _, row = point(
@@ -126,6 +127,7 @@ def aligned(
             bend += _weight_slope(size, limit) * slope * slope
             rows += weight * slope * slope * row
             weights += weight
+            one_sided += weight * abs(slope)
             scores[int(points[k, 0] / width + blocks / 2)] += weight * difference * slope
         if used < count // 4 or not curvature > 0.0:
             return
@@ -133,6 +135,7 @@ def aligned(
         move = gradient / curvature
         out[0], out[2], out[3], out[4], out[5] = angle, total / used, rows / curvature, weights / used, deviation
         out[1] = _clustered(scores) / bend**2 if bend > 0.0 else np.nan
+        out[6] = one_sided / curvature
         if step > 1 and abs(move) * reach < SETTLED:
             break
         most = FARTHEST / reach

@@ -44,6 +44,8 @@ class AngleReading:
     """Between picture and layers, standard deviation of most pixels [counts]: large where the joint is not there."""
     explained: float
     """Share of the pixels that the layers explain, from 0 to 1."""
+    per_count: float = math.nan
+    """By how much the angle is another one where each edge is off by a count, all to one side [rad/count]."""
 
     @property
     def found(self) -> bool:
@@ -84,7 +86,7 @@ class AngleReader:
         """Texels (points, 2) that an alignment looks at, from the pivot [pixels]."""
         stride = max(len(self.points) // FEW, 1)
         self._few = np.ascontiguousarray(self.points[::stride])
-        self._gains, self._out = np.ones(layers.background.shape[0]), np.empty(6)
+        self._gains, self._out = np.ones(layers.background.shape[0]), np.empty(7)
 
     def read(self, picture: NDArray[np.uint8]) -> AngleReading:
         """The angle of a picture (rows, columns).
@@ -152,12 +154,13 @@ class AngleReader:
         return bool(np.median(gains) >= LIT)
 
     def _reading(self, gains: Array) -> AngleReading:
-        angle, variance, _, row, explained, difference = self._out.tolist()
+        angle, variance, _, row, explained, difference, per_count = self._out.tolist()
         if not (explained >= EXPLAINED and variance >= 0.0 and self._lit(gains)):
             angle, variance, row = math.nan, math.inf, math.nan
         return AngleReading(
-            angle=angle, deviation=math.sqrt(variance), row=row, difference=difference, explained=max(explained, 0.0)
-        )
+            angle=angle, deviation=math.sqrt(variance), row=row, difference=difference, explained=max(explained, 0.0),
+            per_count=per_count,
+        )  # fmt: skip
 
     def _angles(self) -> Array:
         geometry, step = self.layers.geometry, SCAN_STEP * self.layers.background.shape[1] / self._reach

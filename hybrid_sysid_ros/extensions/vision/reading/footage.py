@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.film import format_of
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.camera.quantisation import quantiser_steps
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, AngleReading, FreeReading
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
@@ -37,6 +38,9 @@ many pictures in a row are off all of those around them: they show somebody who 
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is reported
 UNLIKE, PLAINLY = 5.0, 10.0
 """Times as much as others, and counts, by which most pixels of a picture differ whose joint is not there."""
+COPY, COPIES = 0.25, 0.05
+"""Of what pictures change before and after it, by which one changes less that is a copy of the one before, and share of
+the pictures of which some are not the same to the last bit: a joint that turns back stands for one picture, too."""
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
 
@@ -57,7 +61,7 @@ class Footage:
     lamp: Array
     """Brightness of the lamp [counts]; NaN without one, and where there is no light in the picture."""
     frozen: NDArray[np.bool_]
-    """Pictures that were the same as those before, but for black ones; their angles are not used."""
+    """Pictures that are those before once more, but for black ones; their angles are not used."""
     shown: tuple[tuple[float, Picture, AngleReading], ...]
     """Some of them, with their times and what was read."""
     stated_rate: float
@@ -91,7 +95,7 @@ class Footage:
         if self.stated_rate and abs(self.rate / self.stated_rate - 1.0) > OTHER_RATE:
             found.append(f"its head says {self.stated_rate:.4g} pictures/s, their times {self.rate:.4g}: these count")
         if self.frozen.any():
-            found.append(f"{int(self.frozen.sum())} frozen pictures, the same as before to the last bit: not used")
+            found.append(f"{int(self.frozen.sum())} pictures are those before once more, frozen or copied: not used")
         if black := self.lost - int(self.frozen.sum()):
             found.append(f"{black} of {len(self.angles)} pictures without an angle: black, hidden or of something else")
         return found
@@ -129,6 +133,7 @@ def followed(
     """
     rows, times, lamps, free = list[AngleReading](), list[float](), list[float](), list[FreeReading]()
     even, same, sceneries = list[bool](), list[bool](), list[Array]()
+    changes, swept = list[float](), np.flatnonzero(reader.swept)
     shown = list[tuple[float, Picture, AngleReading]]()
     before, every = None, 1
     for time, picture in view.pictures():
@@ -137,6 +142,7 @@ def followed(
             reading = replace(reading, angle=np.nan, deviation=np.inf)
         even.append(plain)
         same.append(reader.lit and not plain and before is not None and np.array_equal(picture, before))
+        changes.append(np.inf if before is None else _change(before.ravel()[swept], picture.ravel()[swept]))
         before = picture
         times.append(time)
         rows.append(reading)
@@ -159,7 +165,7 @@ def followed(
     if light < LIT * layers.background.mean():
         raise UserError(f"{view.path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
     _refuse_dark(view, np.flatnonzero(even), len(even), light)
-    steady = steady_angles(np.array(times), rows, free, view.motion, layers)
+    steady = steady_angles(np.array(times), rows, free, view.motion, layers, quantiser_steps(view.path))
     for first in range(0, max(len(sceneries) - LOOKS // 2, 1), LOOKS // 2):
         stands = reader.standing(sceneries[first : first + LOOKS])
         if stands < STANDS:
@@ -174,6 +180,7 @@ def followed(
             "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
     still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
+    still |= copied_pictures(np.array(changes))
     angles[still] = np.nan
     if not layers.full_turn:
         angles[leaping_pictures(angles)] = np.nan
@@ -191,6 +198,11 @@ def followed(
         stated_rate=format_of(view.path).rate,
         view=view,
     )
+
+
+def _change(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
+    """Of pixels (pixels,), mean [counts]."""
+    return float(np.abs(after.astype(np.int16) - before).mean())
 
 
 def _refuse_dark(view: FilmView, even: NDArray[np.intp], count: int, light: float) -> None:
@@ -215,6 +227,15 @@ def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDA
         if end - begin >= FROZEN and np.nanmax([*jumps, 0.0]) * reach > JUMP:
             found[begin + FROZEN - 1 : end] = True
     return found
+
+
+def copied_pictures(changes: Array) -> NDArray[np.bool_]:
+    """Pictures (pictures,) that are copies of those before them, one or two in a row, as where a film was written at a
+    higher rate than it was taken at; changes: of the pixels that the joint comes over, from the one before [counts].
+    """
+    pairs = np.lib.stride_tricks.sliding_window_view(np.pad(changes, 2, constant_values=np.inf), 2).max(axis=1)
+    low = changes < COPY * np.minimum(pairs[:-3], pairs[3:])  # the two before, the two after
+    return low & ((changes == 0.0) | (low.mean() >= COPIES))
 
 
 def unlike_pictures(differences: Array) -> NDArray[np.bool_]:

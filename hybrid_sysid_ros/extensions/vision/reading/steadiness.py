@@ -26,8 +26,14 @@ GROWS = 1.25 * math.sqrt(ORDER + 1.0)
 a quarter for what medians of some hundred differences are uncertain by."""
 SLOWEST = 23.0  # pictures a second, at which a joint's motion has no part in them yet
 GAP = 1.5  # times as far apart as most are pictures between which one is missing
+OFTEN = 0.9  # share of the pictures that are no farther apart than what counts as usual
 CHI_SQUARE = 0.455  # median, of one degree of freedom
 HELD, STILL = 0.25, 4  # deviations by which angles differ at most that are one, and how many in a row a codec repeats
+LEFT_OUT = 0.02
+"""Of a quantiser's step, rms, by which edges are off, all to one side, as a codec draws nothing anew that rounds to
+nothing; measured on ten films of known angles, .012 to .027 (docs/films.md)."""
+COARSE = 0.15  # pixels of 640 by which a sprite's end is beside its place by that, rms: a film that is refused
+STRONG = 40.0  # counts of a quantiser, with which compression is to blame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,16 +50,19 @@ class SteadyAngles:
 
 def steady_angles(
     times: Array, rows: Sequence[AngleReading], free: Sequence[FreeReading], motion: CameraMotion | None,
-    layers: PictureLayers,
+    layers: PictureLayers, steps: Array,
 ) -> SteadyAngles:  # fmt: skip
-    """The angles of pictures at times (pictures,) [s] out of which a camera's motion was taken.
+    """The angles of pictures at times (pictures,) [s] out of which a camera's motion was taken. steps (pictures,): of
+    the codec's quantiser [counts], NaN where they are not known.
 
     Where the pivot stands they are those about it. Where it moves with the camera they are those that no place of the
     sprite changes, and what stands must have shown how the camera rolls. The deviation has what the two kinds of angles
-    differ by beyond their own deviations, and what the camera's motion is uncertain by; it is no less than what angles
-    scatter by from picture to picture, as a codec moves what a picture shows as a whole, which no residual tells.
+    differ by beyond their own deviations, and what the camera's motion is uncertain by. A codec moves what a picture
+    shows as a whole, which no residual tells: by what its quantiser leaves out, and where that is not known the
+    deviation is no less than what angles scatter by from picture to picture, where a joint's own unrest has a part,
+    too.
 
-    Raises UserError where the pivot moves and nothing tells how the camera does.
+    Raises UserError where the pivot moves and nothing tells how the camera does, and where the codec leaves too little.
     """
     about = np.array([[row.angle, row.deviation, row.row] for row in rows])
     freely = np.array([[row.angle, row.deviation, row.row, row.x, row.y, row.beside] for row in free])
@@ -77,8 +86,29 @@ def steady_angles(
     angles = np.where(np.isfinite(about[:, 0]), chosen[:, 0], np.nan)
     own = chosen[:, 1] ** 2 + common
     repeated = held(angles, np.sqrt(own))
-    deviations = np.sqrt(np.maximum(own, scatter(times, angles, layers.period, repeated) ** 2))
+    left_out = LEFT_OUT * steps * [row.per_count for row in rows]
+    _refuse_coarse(steps, left_out * layers.reach / pixel)
+    scattered = scatter(times, angles, layers.period, repeated) ** 2
+    coded = np.where(np.isfinite(left_out), own + left_out**2, scattered)
+    deviations = np.sqrt(np.maximum(own, coded))
     return SteadyAngles(angles=angles, deviations=deviations, rows=chosen[:, 2])
+
+
+def _refuse_coarse(steps: Array, beside: Array) -> None:
+    """Raise UserError where a codec leaves too little of a joint's edges, by its quantiser's steps (pictures,) [counts]
+    and by how far the sprite's end is beside its place in them (pictures,) [pixels of 640].
+    """
+    known = np.isfinite(beside)
+    if not known.any() or (far := float(np.median(beside[known]))) < COARSE:
+        return
+    step = float(np.median(steps[known]))
+    why, advice = "the joint's edges are soft, blurred or faint", "focus on the joint, with more light and contrast"
+    if step > STRONG:
+        why, advice = "the film is compressed strongly", "record with more bits a second"
+    raise UserError(
+        f"{why}: its codec leaves out what is smaller than {step:.0f} counts, and so the joint's end lies {far:.2g} of "
+        f"640 pixels beside its place, rms, {COARSE} at most: {advice}"
+    )
 
 
 def held(angles: Array, deviations: Array) -> NDArray[np.bool_]:
@@ -107,7 +137,7 @@ def scatter(times: Array, angles: Array, period: float = 0.0, repeated: NDArray[
     old = np.zeros(len(when), dtype=bool) if repeated is None else repeated[known]
     if len(when) < ENOUGH + ORDER:
         return 0.0
-    usual, stride = float(np.median(np.diff(when))), 1
+    usual, stride = float(np.quantile(np.diff(when), OFTEN)), 1  # also where every third picture is missing
     most = _new(when, seen, old, stride, usual)
     while 2 * stride * usual * SLOWEST <= 1.0:
         stride *= 2

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
+from hybrid_sysid_ros.extensions.vision.reading.steadiness import scatter
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -24,6 +26,7 @@ STEPS = 30
 BISQUARE = 4.685  # deviations; see alignment.py
 BLOCK = 1.0  # s, within which differences count as one
 MOVED = 1e-9
+SURELY = 3.0  # deviations of a mean square, by which film and bag differ by more than their noise
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,6 +52,8 @@ class Synchronisation:
     """By which the film's values bend beside the bag's, rms [rad]; see :func:`bent`."""
     wander: float
     """By which the film's times run unevenly beside the bag's, rms [s]; see :func:`wandering`."""
+    noise: float
+    """Of the bag's values as they were compared, rms [rad]."""
 
     def time(self, film: Array) -> Array:
         """Times of a film in the bag's time [s]."""
@@ -57,6 +62,14 @@ class Synchronisation:
     def position(self, angle: Array) -> Array:
         """Position of the joint [rad]."""
         return np.asarray(self.scale * angle + self.offset)
+
+    def unexplained(self, deviations: Array) -> float:
+        """By how much more film and bag differ, rms [rad], than the bag's noise and deviations of the film's values
+        (frames,) explain; 0 where that is no more than chance makes.
+        """
+        own = float(np.mean((self.scale * deviations[self.used]) ** 2))
+        found = self.residual**2 - self.noise**2 - own
+        return math.sqrt(found) if found > SURELY * math.sqrt(2.0 / self.used.sum()) * self.residual**2 else 0.0
 
 
 def synchronise(
@@ -72,9 +85,10 @@ def synchronise(
     Raises UserError where they have too little in common, are of two motions, or the film is mirrored, or its times
     are of another rate than it was taken at or run unevenly.
     """
+    noise = _noise(bag, positions)
     positions = exposed(positions, bag, exposure)
     try:
-        found = _synchronised(film, angles, bag, positions, near)
+        found = replace(_synchronised(film, angles, bag, positions, near), noise=noise)
     except UserError:
         if _at_pace(1.0, film, -angles, bag, positions)[0] > SURELY_ALIKE:
             raise UserError(
@@ -165,6 +179,7 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
         used=everywhere,
         bend=bent(seen_angles, slopes, difference, blocks, used),
         wander=wandering(speed[inside], difference[inside]),
+        noise=0.0,
     )
 
 
@@ -196,6 +211,14 @@ def wandering(speed: Array, difference: Array) -> float:
     more = float(np.mean(speed[fast] ** 2) - np.mean(speed[slow] ** 2))
     one, two = (float(np.median(np.abs(difference[part]))) / 0.6745 for part in (slow, fast))
     return float(np.sqrt(max(two**2 - one**2, 0.0) / more)) if more > 0.0 else 0.0
+
+
+def _noise(times: Array, values: Array) -> float:
+    """What the low-pass leaves of the noise of samples (n,) at times [s], rms; their noise is white."""
+    once: Array = np.zeros(len(values))
+    once[len(values) // 2 : len(values) // 2 + 1] = 1.0
+    left = float(np.linalg.norm(low_passed(once, float(np.median(np.diff(times)))))) if len(values) > 1 else 1.0
+    return left * scatter(times, values)
 
 
 def low_passed(values: Array, period: float) -> Array:

@@ -101,6 +101,8 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     if by_position:  # what is not linear beside the sensor, or at times that wander, is no angle that is known better
         beside = np.hypot(found.bend / abs(found.scale), found.wander * np.gradient(angles, footage.seen))
         footage = replace(footage, deviations=np.hypot(footage.deviations, beside))
+        unexplained = found.unexplained(footage.deviations)  # the film's or the sensor's, which nothing tells
+        footage = replace(footage, deviations=np.hypot(footage.deviations, unexplained / abs(found.scale)))
     return VideoRecord(
         footage=footage,
         onset=lamp,
@@ -152,7 +154,10 @@ def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
                 ": cut it there"
             )
     at = np.flatnonzero(~lost)
-    return np.interp(footage.seen, footage.seen[at], footage.angles[at]), lost
+    if len(at) < 2:
+        raise UserError("fewer than two pictures of the film have an angle")
+    inside = np.clip(footage.seen, footage.seen[at[0]], footage.seen[at[-1]])
+    return np.where(lost, CubicSpline(footage.seen[at], footage.angles[at])(inside), footage.angles), lost
 
 
 def contradictions(record: VideoRecord) -> Iterator[str]:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("av", reason="needs the extra video")
 
+import av
+
 from hybrid_sysid_ros.extensions.vision.camera.film import format_of, pictures, write_film
+from hybrid_sysid_ros.extensions.vision.camera.quantisation import quantiser_steps
 from hybrid_sysid_ros.support.errors import UserError
 
 TIMES = np.cumsum([0.0, 0.03, 0.035, 0.05, *[1 / 30] * 40])  # a phone's
@@ -166,3 +170,25 @@ def test_a_large_film_is_scaled_down_by_the_mean_of_its_pixels(tmp_path: Path) -
     _, read = next(pictures(film))
     assert read.shape == (48, 1920)
     assert read == pytest.approx(own.reshape(48, 2, 1920, 2).mean(axis=(1, 3)), abs=3.0)
+
+
+@pytest.mark.parametrize(
+    ("codec", "options", "step"),
+    [
+        ("libx264", {"qp": "28", "preset": "ultrafast"}, 16.0),  # at 4 it is 1, and it doubles by 6
+        ("mpeg4", {"qmin": "6", "qmax": "6"}, 12.0),
+        ("mjpeg", {}, 0.0),  # no picture hangs on another one
+    ],
+)
+def test_a_decoder_says_how_coarsely_pictures_are_rounded(
+    codec: str, options: dict[str, str], step: float, tmp_path: Path
+) -> None:
+    with av.open(str(tmp_path / "film.mov"), "w") as container:
+        stream: Any = container.add_stream(codec, rate=30, options=options)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        for grain in np.random.default_rng(0).integers(0, 255, (5, 48, 64), dtype=np.uint8):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grain, format="gray")))
+        container.mux(stream.encode())
+    steps = quantiser_steps(tmp_path / "film.mov")
+    assert len(steps) == 5
+    assert float(np.median(steps)) == pytest.approx(step, rel=0.3)

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
-from hybrid_sysid_ros.extensions.vision.reading.steadiness import held, scatter
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReading, FreeReading
+from hybrid_sysid_ros.extensions.vision.reading.steadiness import held, scatter, steady_angles
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 NOISE = 1e-4  # rad
 
@@ -64,3 +66,24 @@ def test_pictures_that_a_codec_repeats_at_rest_tell_nothing_of_the_scatter() -> 
     assert not repeated[310:].any()
     assert scatter(times, angles) < 0.5 * NOISE
     assert scatter(times, angles, repeated=repeated) == pytest.approx(NOISE, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("step", "per_count", "words"),
+    [(226.0, 1.2e-4, "compressed strongly"), (30.0, 1e-3, "edges are soft"), (14.0, 1e-4, ""), (np.nan, 1e-4, "")],
+)
+def test_what_a_codec_leaves_out_is_in_the_deviation_or_refused(step: float, per_count: float, words: str) -> None:
+    layers, count = painted_layers(load("cam_beam"), Camera(width=240, height=136)), 60
+    row = AngleReading(angle=0.0, deviation=1e-5, row=60.0, difference=1.0, explained=1.0, per_count=per_count)
+    free = FreeReading(angle=0.0, x=0.0, y=0.0, deviation=1e-5, beside=0.01, row=60.0)
+    times: Array = np.arange(count) / 30.0
+
+    def read() -> Array:
+        return steady_angles(times, [row] * count, [free] * count, None, layers, np.full(count, step)).deviations
+
+    if words:
+        with pytest.raises(UserError, match=words):
+            read()
+        return
+    coded = 0.0 if np.isnan(step) else step * per_count
+    assert 0.02 * coded <= float(read()[0]) <= 0.05 * coded + 2e-5

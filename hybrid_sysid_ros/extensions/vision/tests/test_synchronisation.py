@@ -63,6 +63,19 @@ def test_a_view_from_the_side_bends_the_angles_by_what_is_reported(side: float) 
     assert found.bend == pytest.approx(np.sqrt(np.mean(bent**2)), rel=0.1, abs=1e-5)
 
 
+@pytest.mark.parametrize("held", [0.0, 3e-3])
+def test_what_a_film_is_off_by_for_some_pictures_is_told_by_the_bag(held: float) -> None:
+    """A codec that keeps a picture until the joint is a step farther: a uniform error, which no picture tells."""
+    random = np.random.default_rng(0)
+    bag, film = _times(0.0, 40.0, 0.005), _times(0.5, 39.0, 1 / 30)
+    positions = _motion(bag) + 1e-3 * random.standard_normal(len(bag)) + 1e-3 * np.sin(2 * np.pi * 60.0 * bag)
+    angles = _motion(film)
+    seen = held * np.round(angles / held) if held else angles
+    noise = np.full(len(film), 7e-5)
+    found = synchronise(film, seen + noise * random.standard_normal(len(film)), bag, positions)
+    assert found.unexplained(noise) == pytest.approx(held / np.sqrt(12.0), rel=0.15)
+
+
 def test_film_and_bag_of_two_motions_are_refused() -> None:
     bag, film = _times(0.0, 40.0, 0.005), _times(0.0, 40.0, 1 / 30)
     with pytest.raises(UserError, match="not the bag's"):

@@ -13,7 +13,12 @@ from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.extensions.vision.camera.filming import SceneMotion, experiment
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
 from hybrid_sysid_ros.extensions.vision.reading import joint_reference, video_record
-from hybrid_sysid_ros.extensions.vision.reading.footage import Footage, frozen_pictures, leaping_pictures
+from hybrid_sysid_ros.extensions.vision.reading.footage import (
+    Footage,
+    copied_pictures,
+    frozen_pictures,
+    leaping_pictures,
+)
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import JointReference, MotionSource
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -105,6 +110,24 @@ def test_equal_pictures_are_a_camera_that_hangs_only_where_the_joint_jumps(jump:
     found = frozen_pictures(same, angles, reach=150.0)
     assert found.any() == hangs
     assert not hangs or found.sum() == 19
+
+
+@pytest.mark.parametrize("every", [2, 3, 5])
+def test_copies_are_pictures_that_change_less_than_those_around_them(every: int) -> None:
+    """As a film written at a higher rate than it was taken at has; a codec changes a copy, too. A joint that rests, or
+    turns back now and then, is no copy.
+    """
+    noise = 0.5 + 0.1 * np.random.default_rng(0).random(240)
+    moving = noise + 20.0 * np.abs(np.cos(2.0 * np.pi * 0.8 * np.arange(240) / 30.0))
+    moving[0], moving[100:130] = np.inf, noise[100:130]
+    assert not copied_pictures(moving).any()
+    copy = np.arange(240) % every == every - 1
+    copied = copied_pictures(np.where(copy, noise, moving + 3.0))
+    assert not copied[~copy].any()
+    assert copied[copy].mean() > 0.7
+    once = moving + 3.0
+    once[50] = 0.0
+    assert np.flatnonzero(copied_pictures(once)).tolist() == [50]
 
 
 def test_pictures_of_somebody_who_walks_by_leap_and_a_joint_that_steps_or_swings_does_not() -> None:
