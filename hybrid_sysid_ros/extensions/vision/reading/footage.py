@@ -38,9 +38,10 @@ many pictures in a row are off all of those around them: they show somebody who 
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is reported
 UNLIKE, PLAINLY = 5.0, 10.0
 """Times as much as others, and counts, by which most pixels of a picture differ whose joint is not there."""
-COPY, COPIES = 0.25, 0.05
-"""Of what pictures change before and after it, by which one changes less that is a copy of the one before, and share of
-the pictures of which some are not the same to the last bit: a joint that turns back stands for one picture, too."""
+COPY, GOES_ON, COPIES = 0.25, 0.3, 0.05
+"""Of what pictures change before and after it, by which one changes less that is a copy of the one before; pixels by
+which the sprite's end goes on before and after it; and share of the pictures of which some are not the same to the last
+bit, as a joint that turns back stands for one picture, too."""
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
 
@@ -180,7 +181,7 @@ def followed(
             "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
     still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
-    still |= copied_pictures(np.array(changes))
+    still |= copied_pictures(np.array(changes), steady.angles * layers.reach)
     angles[still] = np.nan
     if not layers.full_turn:
         angles[leaping_pictures(angles)] = np.nan
@@ -229,13 +230,21 @@ def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDA
     return found
 
 
-def copied_pictures(changes: Array) -> NDArray[np.bool_]:
+def copied_pictures(changes: Array, places: Array) -> NDArray[np.bool_]:
     """Pictures (pictures,) that are copies of those before them, one or two in a row, as where a film was written at a
-    higher rate than it was taken at; changes: of the pixels that the joint comes over, from the one before [counts].
+    higher rate than it was taken at. changes: of the pixels that the joint comes over, from the one before [counts];
+    places: of the sprite's end [pixels].
     """
-    pairs = np.lib.stride_tricks.sliding_window_view(np.pad(changes, 2, constant_values=np.inf), 2).max(axis=1)
-    low = changes < COPY * np.minimum(pairs[:-3], pairs[3:])  # the two before, the two after
+    steps = np.abs(np.diff(places, prepend=np.nan))
+    least = COPY * _around(changes)  # at rest a codec changes nothing now and then
+    low = (changes < least) & (_around(np.nan_to_num(steps)) > GOES_ON)
     return low & ((changes == 0.0) | (low.mean() >= COPIES))
+
+
+def _around(values: Array) -> Array:
+    """The smaller one of the larger of two before each of the values (pictures,) and of two after it."""
+    pairs = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, constant_values=np.inf), 2).max(axis=1)
+    return np.minimum(pairs[:-3], pairs[3:])
 
 
 def unlike_pictures(differences: Array) -> NDArray[np.bool_]:

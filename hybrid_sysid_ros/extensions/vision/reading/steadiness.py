@@ -123,11 +123,13 @@ def held(angles: Array, deviations: Array) -> NDArray[np.bool_]:
     return found
 
 
-def scatter(times: Array, angles: Array, period: float = 0.0, repeated: NDArray[np.bool_] | None = None) -> float:
+def scatter(
+    times: Array, angles: Array, period: float = 0.0, repeated: NDArray[np.bool_] | None = None, *, white: bool = False
+) -> float:
     """Standard deviation of what is new in each of the angles (pictures,) at times [s], by their divided differences of
     a high order, in which a motion well below half the pictures' rate has no part; their median, so that no jump has
     any; 0 where too few follow one another. period: of angles that go round, 0 for others. repeated: pictures in
-    which nothing is new, see :func:`held`.
+    which nothing is new, see :func:`held`. white: whether all is new in each angle, as in those of an encoder.
 
     A codec keeps its errors from one picture to the next. Where pictures are many, every second, fourth and eighth tell
     it, too, as long as they are SLOWEST, and the largest of these counts. What grows by more than GROWS is the motion.
@@ -139,7 +141,7 @@ def scatter(times: Array, angles: Array, period: float = 0.0, repeated: NDArray[
         return 0.0
     usual, stride = float(np.quantile(np.diff(when), OFTEN)), 1  # also where every third picture is missing
     most = _new(when, seen, old, stride, usual)
-    while 2 * stride * usual * SLOWEST <= 1.0:
+    while not white and 2 * stride * usual * SLOWEST <= 1.0:
         stride *= 2
         if (new := _new(when, seen, old, stride, usual)) > GROWS * most:
             break

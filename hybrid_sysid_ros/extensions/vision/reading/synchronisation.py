@@ -218,7 +218,7 @@ def _noise(times: Array, values: Array) -> float:
     once: Array = np.zeros(len(values))
     once[len(values) // 2 : len(values) // 2 + 1] = 1.0
     left = float(np.linalg.norm(low_passed(once, float(np.median(np.diff(times)))))) if len(values) > 1 else 1.0
-    return left * scatter(times, values)
+    return left * scatter(times, values, white=True)
 
 
 def low_passed(values: Array, period: float) -> Array:

@@ -118,16 +118,21 @@ def test_copies_are_pictures_that_change_less_than_those_around_them(every: int)
     turns back now and then, is no copy.
     """
     noise = 0.5 + 0.1 * np.random.default_rng(0).random(240)
-    moving = noise + 20.0 * np.abs(np.cos(2.0 * np.pi * 0.8 * np.arange(240) / 30.0))
-    moving[0], moving[100:130] = np.inf, noise[100:130]
-    assert not copied_pictures(moving).any()
+    noise[::4] = 0.1  # a codec's at rest
+    times = np.arange(240) / 30.0
+    places = 30.0 * np.sin(2.0 * np.pi * 0.8 * times)
+    places[100:130] = places[100]
+    moving = noise + 10.0 * np.abs(np.diff(places, prepend=places[0]))
+    moving[0] = np.inf
+    assert not copied_pictures(moving, places).any()
     copy = np.arange(240) % every == every - 1
-    copied = copied_pictures(np.where(copy, noise, moving + 3.0))
-    assert not copied[~copy].any()
-    assert copied[copy].mean() > 0.7
-    once = moving + 3.0
+    shown = np.where(copy, np.roll(places, 1), places)
+    copied = copied_pictures(np.where(copy, noise, moving), shown)
+    assert copied[~copy].mean() < 0.05  # where the joint turns back
+    assert copied[copy & (moving > 20.0)].mean() > 0.8
+    once = moving.copy()
     once[50] = 0.0
-    assert np.flatnonzero(copied_pictures(once)).tolist() == [50]
+    assert np.flatnonzero(copied_pictures(once, places)).tolist() == [50]
 
 
 def test_pictures_of_somebody_who_walks_by_leap_and_a_joint_that_steps_or_swings_does_not() -> None:
