@@ -38,10 +38,9 @@ many pictures in a row are off all of those around them: they show somebody who 
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is reported
 UNLIKE, PLAINLY = 5.0, 10.0
 """Times as much as others, and counts, by which most pixels of a picture differ whose joint is not there."""
-COPY, GOES_ON, COPIES = 0.25, 0.3, 0.05
-"""Of what pictures change before and after it, by which one changes less that is a copy of the one before; pixels by
-which the sprite's end goes on before and after it; and share of the pictures of which some are not the same to the last
-bit, as a joint that turns back stands for one picture, too."""
+COPY, GOES_ON, COPIES = 0.25, 0.3, 0.1
+"""Of what the sprite's end moves before and after it, by which it moves less in a picture that is a copy of the one
+before; pixels that it moves there surely; and share of such pictures of which some are not the same to the last bit."""
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
 
@@ -134,7 +133,6 @@ def followed(
     """
     rows, times, lamps, free = list[AngleReading](), list[float](), list[float](), list[FreeReading]()
     even, same, sceneries = list[bool](), list[bool](), list[Array]()
-    changes, swept = list[float](), np.flatnonzero(reader.swept)
     shown = list[tuple[float, Picture, AngleReading]]()
     before, every = None, 1
     for time, picture in view.pictures():
@@ -143,7 +141,6 @@ def followed(
             reading = replace(reading, angle=np.nan, deviation=np.inf)
         even.append(plain)
         same.append(reader.lit and not plain and before is not None and np.array_equal(picture, before))
-        changes.append(np.inf if before is None else _change(before.ravel()[swept], picture.ravel()[swept]))
         before = picture
         times.append(time)
         rows.append(reading)
@@ -181,7 +178,7 @@ def followed(
             "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
     still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
-    still |= copied_pictures(np.array(changes), steady.angles * layers.reach)
+    still |= copied_pictures(steady.angles * layers.reach, np.array(same))
     angles[still] = np.nan
     if not layers.full_turn:
         angles[leaping_pictures(angles)] = np.nan
@@ -199,11 +196,6 @@ def followed(
         stated_rate=format_of(view.path).rate,
         view=view,
     )
-
-
-def _change(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> float:
-    """Of pixels (pixels,), mean [counts]."""
-    return float(np.abs(after.astype(np.int16) - before).mean())
 
 
 def _refuse_dark(view: FilmView, even: NDArray[np.intp], count: int, light: float) -> None:
@@ -230,21 +222,20 @@ def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDA
     return found
 
 
-def copied_pictures(changes: Array, places: Array) -> NDArray[np.bool_]:
+def copied_pictures(places: Array, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Pictures (pictures,) that are copies of those before them, one or two in a row, as where a film was written at a
-    higher rate than it was taken at. changes: of the pixels that the joint comes over, from the one before [counts];
-    places: of the sprite's end [pixels].
+    higher rate than it was taken at: the joint stands in them, and goes on before and after them the same way. places:
+    of the sprite's end [pixels]; same: whether a picture is the one before to the last bit.
     """
-    steps = np.abs(np.diff(places, prepend=np.nan))
-    least = COPY * _around(changes)  # at rest a codec changes nothing now and then
-    low = (changes < least) & (_around(np.nan_to_num(steps)) > GOES_ON)
-    return low & ((changes == 0.0) | (low.mean() >= COPIES))
-
-
-def _around(values: Array) -> Array:
-    """The smaller one of the larger of two before each of the values (pictures,) and of two after it."""
-    pairs = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, constant_values=np.inf), 2).max(axis=1)
-    return np.minimum(pairs[:-3], pairs[3:])
+    steps = np.nan_to_num(np.diff(places, prepend=np.nan))
+    pairs = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2), 2)
+    farther = np.where(np.abs(pairs[:, 0]) > np.abs(pairs[:, 1]), pairs[:, 0], pairs[:, 1])
+    before, after = farther[:-3], farther[3:]
+    least = np.minimum(np.abs(before), np.abs(after))
+    goes_on, surely = before * after > 0.0, least > GOES_ON
+    stands = goes_on & (np.abs(steps) < COPY * least)
+    often = (stands & surely).sum() >= max(COPIES * (goes_on & surely).sum(), 1.0)
+    return stands & (often | (same & surely))
 
 
 def unlike_pictures(differences: Array) -> NDArray[np.bool_]:
