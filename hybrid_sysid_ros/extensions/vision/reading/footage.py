@@ -232,10 +232,9 @@ def copied_pictures(places: Array, same: NDArray[np.bool_]) -> NDArray[np.bool_]
     farther = np.where(np.abs(pairs[:, 0]) > np.abs(pairs[:, 1]), pairs[:, 0], pairs[:, 1])
     before, after = farther[:-3], farther[3:]
     least = np.minimum(np.abs(before), np.abs(after))
-    goes_on, surely = before * after > 0.0, least > GOES_ON
-    stands = goes_on & (np.abs(steps) < COPY * least)
-    often = (stands & surely).sum() >= max(COPIES * (goes_on & surely).sum(), 1.0)
-    return stands & (often | (same & surely))
+    stands, goes_on = np.abs(steps) < COPY * least, (before * after > 0.0) & (least > GOES_ON)
+    often = (stands & goes_on).sum() >= max(COPIES * goes_on.sum(), 1.0)
+    return stands & (often | (same & goes_on))  # in a film that has many they are also where it turns back
 
 
 def unlike_pictures(differences: Array) -> NDArray[np.bool_]:
