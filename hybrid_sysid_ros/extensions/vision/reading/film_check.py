@@ -210,8 +210,8 @@ def _pivot(turns: tuple[Array, Array] | None, columns: int) -> Finding:
         return Finding(what="pivot", found="unknown: too little turns", advice=advice)
     (x, y), apart = turns[0] * columns - 0.5, float(np.hypot(*turns[1])) * columns
     if apart > NOWHERE * columns:
-        advice = "is it the rig, and does it turn? if so, say where it is (--pivot X,Y), or click it"
-        return Finding(what="pivot", found="halves of the film turn about places far apart", advice=advice, bad=True)
+        advice = "is it the rig? The scene's pivot is used: say where it is (--pivot X,Y), or click it"
+        return Finding(what="pivot", found="unknown: halves of the film turn about places far apart", advice=advice)
     unsure = apart > UNSURE * columns
     return Finding(
         what="pivot", found=f"turns about {x:.0f},{y:.0f} pixels; halves of the film differ by {apart:.1f}",

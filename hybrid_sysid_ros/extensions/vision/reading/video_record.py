@@ -240,14 +240,14 @@ def write(
 ) -> None:
     """Write a bag: all topics of the other one, where there is one, and the camera's joint states beside them. These
     have what other joints the bag has of the rig's outputs, and of an earlier film, too, between their samples, and end
-    where those of the outputs do: a model needs all of them.
+    where those of the outputs do: a model needs all of them. No bag has a time before 0.
 
     Raises UserError where it can't be written, or where film and bag have no time in common.
     """
     topic = f"/{rig.namespace}/{CAMERA}/{MEASUREMENTS}"
     names, columns = [f"{joint}_{CAMERA}"], {"position": [record.positions], "velocity": [record.speeds]}
     needed = {rig.joints.place(item.name) for item in rig.system.outputs}
-    whole = np.ones(len(record.stamps), dtype=bool)
+    whole = record.stamps >= 0
     for name, fields in _others(record, rig, joint, bag):
         names.append(name)
         for field, values in columns.items():
