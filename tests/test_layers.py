@@ -48,7 +48,7 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "mcp": re.compile(r"extensions/commander/language/server\.py"),
     "websockets": re.compile(r"extensions/view/server\.py"),
     "jinja2": re.compile(r"report/.*"),
-    "av": re.compile(r"extensions/vision/camera/film\.py"),
+    "av": re.compile(r"extensions/vision/camera/(film|quantisation)\.py"),
     "PIL": re.compile(r"extensions/(vision/camera/jpeg|commander/language/charts)\.py"),
 }
 AT_THE_TOP = re.compile(
