@@ -12,6 +12,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import _kept, _rivals, fit
+from hybrid_sysid_ros.identification.part import check_apart
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
 from hybrid_sysid_ros.identification.problem import FitProblem as IdentificationProblem
 from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR
@@ -304,3 +305,13 @@ def test_what_short_rollouts_spoilt_begins_again():
     problem: Any = SimpleNamespace(start=start, residuals=lambda horizon: lambda point: point)
     assert [point[0] for point in _kept(problem, [np.array([3.0])], None)] == [3.0, 2.0]
     assert [point[0] for point in _kept(problem, [np.array([1.0])], None)] == [1.0]
+
+
+def test_the_same_samples_count_once(linear_bench):
+    """By other names, or by parts that overlap: standard errors would shrink by the root of two."""
+    u, y, _ = linear_bench
+    one, two = (record_of(u, y, 0.005, name=name) for name in ("one", "two"))
+    check_apart([one, two], [Part(stop=0.5), Part(start=0.5)])
+    for parts in ([Part(), Part()], [Part(stop=0.5), Part(start=0.4)]):
+        with pytest.raises(UserError, match="one and two hold the same samples"):
+            check_apart([one, two], parts)

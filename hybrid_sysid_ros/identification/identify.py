@@ -15,7 +15,7 @@ from hybrid_sysid_ros.identification.context import Context
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_range, handling_of, prepare, resample
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.parameter_groups import groups
-from hybrid_sysid_ros.identification.part import Part, parts_of, without_gaps
+from hybrid_sysid_ros.identification.part import Part, check_apart, parts_of, without_gaps
 from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.bands import Uncertainty, band_calibration
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut, left_out
@@ -82,6 +82,7 @@ def identify(
     chosen, holds = complete(options or {}, found.options, structure), found.sampling(sampling)
     used = without_gaps(parts_of(records, part, sampling), sampling)
     parts = [part] * len(records) if isinstance(part, Part) else part
+    check_apart(records, parts)
     resampled = [checked(record, rig, holds) for record in used]
     given = {"rig": rig, "sampling": holds, "options": chosen, "seed": seed, "progress": progress}
     context = Context(**given, records=used, resampled=resampled, criterion=criterion)

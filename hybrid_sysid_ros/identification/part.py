@@ -52,6 +52,19 @@ def parts_of(records: Sequence[Record], part: Part | Sequence[Part], sampling: S
     return [item.of(record, sampling) for record, item in zip(records, parts, strict=True)]
 
 
+def check_apart(records: Sequence[Record], parts: Sequence[Part]) -> None:
+    """Raise UserError where two records hold the same samples, which would count twice in every standard error."""
+    seen = dict[str, list[tuple[Record, Part]]]()
+    for record, part in zip(records, parts, strict=True):
+        for other, its in (before := seen.setdefault(record.fingerprint, [])):
+            if part.start < its.stop and its.start < part.stop:
+                raise UserError(
+                    f"records {other.name} and {record.name} hold the same samples, which would count twice: leave one "
+                    "out, or give them parts that do not overlap"
+                )
+        before.append((record, part))
+
+
 def without_gaps(records: Sequence[Record], sampling: Sampling) -> list[Record]:
     """The pieces of records between scored samples that were not measured, without pieces that are too short. Raises
     UserError where none is left.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import isclose
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped
 from hybrid_sysid_ros.models.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError, counted
+from hybrid_sysid_ros.support.errors import UserError, UserErrors, counted
 from hybrid_sysid_ros.support.files import sha256
 
 START = SECOND
@@ -45,6 +46,41 @@ def records_of(file: LogFile, mapping: ImportMapping, rig: Rig) -> tuple[list[Re
     """
     mapping.check(rig, f"{file.path}: mapping")
     return _Conversion(file, mapping, rig, file.read(mapping.columns)).records()
+
+
+def check_fits(file: LogFile, mapping: ImportMapping, rig: Rig, *, where: Path) -> None:
+    """Raise UserErrors for a file that lacks a column of a mapping, or whose own units contradict those of the mapping.
+
+    where: what the mapping was made of, for the message. A ``scale`` of the mapping is the user's word, and stands.
+    """
+    if lost := [name for name in mapping.columns if name not in file.columns]:
+        raise UserError(
+            f"{file.path}: has no column {', '.join(lost)}, which {where} has; is it a record of another rig, or of "
+            f"another logger? its columns are {', '.join(list(file.columns)[:30])}; give it its own (--mapping)"
+        )
+    problems = list[str]()
+    for name, column in mapping.signals.items():
+        own = file.columns[column.column].unit
+        if not own or column.scale is not None or column.unit == own:
+            continue
+        try:
+            same = isclose(rig_factor(rig, name, replace(column, unit=own)), rig_factor(rig, name, column))
+        except UserError:
+            same = False
+        if not same:
+            problems.append(
+                f"{file.path}: {column.column} is in {own} by its own name, and in {column.unit or 'the rig unit'} by "
+                f"{where}; give the file its own (--mapping), or the scale of {name} there"
+            )
+    time = mapping.time
+    own = unit_of_times(file.columns[time.column]) if time.column else ""
+    if own and seconds_of(own) not in (None, time.seconds):
+        problems.append(
+            f"{file.path}: {time.column} is in {own} by its own name, and in {time.unit} by {where}; give the file its "
+            "own (--mapping)"
+        )
+    if problems:
+        raise UserErrors(problems)
 
 
 class _Conversion:

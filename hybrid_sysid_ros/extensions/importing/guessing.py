@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 
 from hybrid_sysid_ros.core import Variable
@@ -113,7 +113,10 @@ def guessed(
         rig_unit = next((item.unit for item in items if item.name == name), "")
         its, turn = values[column.name], turn_of(unit or rig_unit)
         wraps = turn is not None and turn_of(rig_unit) is not None and len(wraps_of(its, turn)) > 0
-        return mapping.SignalColumn(column=column.name, unit=unit, time=own, unwrap=wraps, missing=sentinel_of(its))
+        made = mapping.SignalColumn(column=column.name, unit=unit, time=own, unwrap=wraps, missing=sentinel_of(its))
+        # The user's word against the file's is kept as a number, which no header contradicts later.
+        contradicted = unit != column.unit != ""
+        return replace(made, scale=abs(mapping.rig_factor(rig, name, made))) if contradicted else made
 
     return mapping.ImportMapping(
         time=time,

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.options import Overwrite, RigName
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.extensions.importing.commands.options import ColumnNames, ColumnUnits, OtherFiles, pairs
-from hybrid_sysid_ros.extensions.importing.conversion import records_of, write_records
+from hybrid_sysid_ros.extensions.importing.conversion import check_fits, records_of, write_records
 from hybrid_sysid_ros.extensions.importing.guessing import Question, guessed
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile
 from hybrid_sysid_ros.extensions.importing.mapping import FILE, ImportMapping
@@ -72,7 +72,7 @@ def command(
         check_file(place, replace=overwrite)
         chosen = guessed(log_files[0], described, given=given, units=units, period=period, ask=_asked)
     for file in log_files:
-        _check_fits(file, chosen, place if known else log_files[0].path)
+        check_fits(file, chosen, described, where=place if known else log_files[0].path)
     found = list[tuple[LogFile, list[Record]]]()
     for file in log_files:
         records, notes = records_of(file, chosen, described)
@@ -104,15 +104,6 @@ def _asked(question: Question) -> str:
         status.print(f"  {number}: {name}")
     answer = typer.prompt(f"which number is {question.signal}", type=int, err=True)
     return question.candidates[answer - 1] if 1 <= answer <= len(question.candidates) else ""
-
-
-def _check_fits(file: LogFile, mapping: ImportMapping, where: Path) -> None:
-    """Raise UserError for a file that lacks a column of the mapping."""
-    if lost := [name for name in mapping.columns if name not in file.columns]:
-        raise UserError(
-            f"{file.path}: has no column {', '.join(lost)}, which {where} has; is it a record of another rig, or of "
-            f"another logger? its columns are {', '.join(list(file.columns)[:30])}; give it its own (--mapping)"
-        )
 
 
 def _table(mapping: ImportMapping, rig: Rig, records: list[Record]) -> Table:

@@ -41,6 +41,25 @@ def test_names_units_delimiters_and_decimal_signs_are_found(imported, tmp_path, 
     assert_same(read(tmp_path), samples=400)
 
 
+@pytest.mark.parametrize(
+    "header",
+    ["time [s],drive [V],position [mrad]", "time [s],drive [mV],position [rad]", "time [ms],drive [V],position [rad]",
+     "time [s],drive [V],position [degC]", "time [min],drive [V],position [rad]"],
+)  # fmt: skip
+def test_units_of_a_second_file_that_contradict_the_mapping_are_refused(imported, tmp_path, header):
+    first = table(tmp_path / "log.csv", "time [s],drive [V],position [rad]", TIME, DRIVE, POSITION)
+    status_of(imported(first))
+    refused(imported(table(tmp_path / "other.csv", header, TIME, DRIVE, POSITION)), "other.csv", "by its own name")
+
+
+def test_a_unit_that_a_user_gives_stands_against_the_header(imported, tmp_path):
+    header = "time [s],drive [V],position [rad]"
+    status_of(imported(table(tmp_path / "log.csv", header, TIME, DRIVE, 1e3 * POSITION), "--unit", "position=mrad"))
+    assert_same(read(tmp_path))
+    status_of(imported(table(tmp_path / "next.csv", header, TIME, DRIVE, 1e3 * POSITION)))
+    assert_same(read(tmp_path, "next"))
+
+
 @pytest.mark.parametrize("delimiter", [",", " "])
 def test_on_and_off_are_one_and_zero(imported, tmp_path, delimiter):
     words = np.where(DRIVE > 0.0, "on", "OFF")
