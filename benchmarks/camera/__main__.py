@@ -1,4 +1,4 @@
-"""Run the studies of the camera: python -m benchmarks.camera [angles] [timing] [friction] [loop] [images]."""
+"""Run the studies of the camera: python -m benchmarks.camera [angles] [timing] [friction] [loop] [images] [coding]."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import parts, result
-from benchmarks.camera import angles, friction, loop, timing
+from benchmarks.camera import angles, coding, friction, loop, timing
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.extras import extra
 
@@ -41,7 +41,14 @@ def _images(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     return found, [images.table(found)]
 
 
-PARTS = {"angles": _angles, "timing": _timing, "friction": _friction, "loop": _loop, "images": _images}
+def _coding(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = coding.measured(rig)
+    return found, [coding.table(found)]
+
+
+PARTS = {
+    "angles": _angles, "timing": _timing, "friction": _friction, "loop": _loop, "images": _images, "coding": _coding,
+}  # fmt: skip
 main = partial(parts.run, "cam_beam", PARTS)
 
 if __name__ == "__main__":
