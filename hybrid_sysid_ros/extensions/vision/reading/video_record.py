@@ -62,6 +62,8 @@ class VideoRecord:
     """[rad]; those of lost pictures between their neighbours."""
     filled: NDArray[np.bool_]
     """Which those are."""
+    unexplained: float = 0.0
+    """By which film and sensor of the position differ beyond their noise, rms [rad], which the deviations hold."""
 
     @property
     def speeds(self) -> Array:
@@ -97,11 +99,11 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     seen = footage.angles if reference.kind is MotionSource.POSITION else _speeds(footage)
     found = synchronise(footage.seen, seen, reference.times, reference.values, exposure=exposure)
     scale = found.scale if _off_scale(found, reference) else geometry.scale
-    by_position = reference.kind is MotionSource.POSITION
+    by_position, unexplained = reference.kind is MotionSource.POSITION, 0.0
     if by_position:  # what is not linear beside the sensor, or at times that wander, is no angle that is known better
         beside = np.hypot(found.bend / abs(found.scale), found.wander * np.gradient(angles, footage.seen))
         footage = replace(footage, deviations=np.hypot(footage.deviations, beside))
-        unexplained = found.unexplained(footage.deviations)  # the film's or the sensor's, which nothing tells
+        unexplained = found.unexplained(footage.deviations)
         footage = replace(footage, deviations=np.hypot(footage.deviations, unexplained / abs(found.scale)))
     return VideoRecord(
         footage=footage,
@@ -111,6 +113,7 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
         stamps=reference.origin + np.round(1e9 * found.time(footage.seen)).astype(np.int64),
         positions=found.position(angles) if by_position else scale * (angles - geometry.zero),
         filled=filled,
+        unexplained=unexplained,
     )
 
 
@@ -171,6 +174,11 @@ def contradictions(record: VideoRecord) -> Iterator[str]:
         how = f"film and bag are put together by its {kind.value}, and the zero is free"
         yield f"the bag has no position of the joint: {how}"
     yield from _beside_the_axis(record, found, kind)
+    if record.unexplained:
+        yield (
+            f"film and sensor differ by {math.degrees(record.unexplained):.2g} degrees, rms, beyond their noise: one "
+            "of them is off, perhaps the film by its compression, which its deviation holds"
+        )
     if abs(found.rate) > CLOCKS:
         yield (
             f"the film's times run {abs(found.rate):.2%} {'slow' if found.rate > 0.0 else 'fast'} beside the bag's, as "

@@ -102,6 +102,18 @@ def test_a_written_bag_is_read_with_the_camera_in_the_sensors_place(name: str, b
         assert np.ptp(seen.output[:, column]) == pytest.approx(np.ptp(own.output[:, column]), rel=0.1)
 
 
+@pytest.mark.parametrize("held", [0.0, 0.01])
+def test_what_a_film_is_off_by_beside_its_sensor_is_in_its_deviation_and_said(held: float, tmp_path: Path) -> None:
+    """A codec that draws the joint anew only where it is a step farther: a uniform error, which no picture tells."""
+    taken = _seen_experiment("cam_beam", tmp_path)
+    angles = held * np.round(taken.footage.angles / held) if held else taken.footage.angles
+    footage = replace(taken.footage, angles=angles)
+    record = video_record.joined(footage, taken.layers, taken.rig, taken.bag, exposure=0.008)
+    off = held / np.sqrt(12.0)
+    assert float(np.median(record.footage.deviations)) == pytest.approx(np.hypot(off, DEVIATION), rel=0.3)
+    assert any("beyond their noise" in line for line in video_record.contradictions(record)) == bool(held)
+
+
 @pytest.mark.parametrize(("jump", "hangs"), [(0.0, False), (0.02, True)])
 def test_equal_pictures_are_a_camera_that_hangs_only_where_the_joint_jumps(jump: float, hangs: bool) -> None:
     """A codec repeats its picture while the joint rests."""
