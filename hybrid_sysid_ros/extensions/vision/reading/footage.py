@@ -38,9 +38,9 @@ many pictures in a row are off all of those around them: they show somebody who 
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is reported
 UNLIKE, PLAINLY = 5.0, 10.0
 """Times as much as others, and counts, by which most pixels of a picture differ whose joint is not there."""
-COPY, GOES_ON, COPIES = 0.25, 0.3, 0.1
+COPY, GOES_ON, COPIES = 0.25, 1.0, 0.1
 """Of what the sprite's end moves before and after it, by which it moves less in a picture that is a copy of the one
-before; pixels that it moves there surely; and share of such pictures of which some are not the same to the last bit."""
+before; pixels that it moves there; and share of such pictures with which copies are also where the joint turns back."""
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
 
@@ -178,7 +178,7 @@ def followed(
             "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
     still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
-    still |= copied_pictures(steady.angles * layers.reach, np.array(same))
+    still |= copied_pictures(steady.angles * layers.reach)
     angles[still] = np.nan
     if not layers.full_turn:
         angles[leaping_pictures(angles)] = np.nan
@@ -222,10 +222,10 @@ def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDA
     return found
 
 
-def copied_pictures(places: Array, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def copied_pictures(places: Array) -> NDArray[np.bool_]:
     """Pictures (pictures,) that are copies of those before them, one or two in a row, as where a film was written at a
-    higher rate than it was taken at: the joint stands in them, and goes on before and after them the same way. places:
-    of the sprite's end [pixels]; same: whether a picture is the one before to the last bit.
+    higher rate than it was taken at, or lost some: the joint stands in them, and goes on before and after them the same
+    way. places: of the sprite's end [pixels].
     """
     steps = np.nan_to_num(np.diff(places, prepend=np.nan))
     pairs = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2), 2)
@@ -233,8 +233,8 @@ def copied_pictures(places: Array, same: NDArray[np.bool_]) -> NDArray[np.bool_]
     before, after = farther[:-3], farther[3:]
     least = np.minimum(np.abs(before), np.abs(after))
     stands, goes_on = np.abs(steps) < COPY * least, (before * after > 0.0) & (least > GOES_ON)
-    often = (stands & goes_on).sum() >= max(COPIES * goes_on.sum(), 1.0)
-    return stands & (often | (same & goes_on))  # in a film that has many they are also where it turns back
+    surely = stands & goes_on
+    return stands if surely.sum() >= max(COPIES * goes_on.sum(), 1.0) else surely
 
 
 def unlike_pictures(differences: Array) -> NDArray[np.bool_]:

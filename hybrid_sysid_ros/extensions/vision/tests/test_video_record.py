@@ -104,13 +104,15 @@ def test_a_written_bag_is_read_with_the_camera_in_the_sensors_place(name: str, b
 
 @pytest.mark.parametrize("held", [0.0, 0.01])
 def test_what_a_film_is_off_by_beside_its_sensor_is_in_its_deviation_and_said(held: float, tmp_path: Path) -> None:
-    """A codec that draws the joint anew only where it is a step farther: a uniform error, which no picture tells."""
+    """A codec that draws the joint anew only where it is a step farther: a uniform error, which no picture tells, and
+    part of which, at 60 pictures a second, is faster than what film and sensor are compared by.
+    """
     taken = _seen_experiment("cam_beam", tmp_path)
     angles = held * np.round(taken.footage.angles / held) if held else taken.footage.angles
     footage = replace(taken.footage, angles=angles)
     record = video_record.joined(footage, taken.layers, taken.rig, taken.bag, exposure=0.008)
-    off = held / np.sqrt(12.0)
-    assert float(np.median(record.footage.deviations)) == pytest.approx(np.hypot(off, DEVIATION), rel=0.3)
+    off = float(np.hypot(held / np.sqrt(12.0), DEVIATION))
+    assert 0.6 * off < float(np.median(record.footage.deviations)) < 1.3 * off
     assert any("beyond their noise" in line for line in video_record.contradictions(record)) == bool(held)
 
 
@@ -126,23 +128,21 @@ def test_equal_pictures_are_a_camera_that_hangs_only_where_the_joint_jumps(jump:
 
 @pytest.mark.parametrize("every", [2, 3, 5])
 def test_copies_are_pictures_in_which_a_joint_stands_that_goes_on_before_and_after(every: int) -> None:
-    """As a film has that was written at a higher rate than it was taken at; a joint that rests, or turns back, has
-    none, and a single one is a copy only to the last bit.
+    """As a film has that was written at a higher rate than it was taken at, or lost one; a joint that rests, or turns
+    back, has none.
     """
     noise = 0.02 * np.random.default_rng(0).standard_normal(240)
     places = 30.0 * np.sin(2.0 * np.pi * 0.8 * np.arange(240) / 30.0) + noise
     places[100:130] = places[100] + noise[100:130]
-    same, speed = np.zeros(240, dtype=bool), np.abs(np.diff(places, prepend=places[0]))
-    assert not copied_pictures(places, same).any()
+    speed = np.abs(np.diff(places, prepend=places[0]))
+    assert not copied_pictures(places).any()
     copy = np.arange(240) % every == every - 1
-    copied = copied_pictures(np.where(copy, np.roll(places, 1), places), same)
+    copied = copied_pictures(np.where(copy, np.roll(places, 1), places))
     assert copied[~copy].mean() < 0.1
     assert copied[copy & (speed > 2.0)].mean() > 0.8
     once = places.copy()
     once[60] = once[59]
-    assert not copied_pictures(once, same).any()
-    same[60] = True
-    assert np.flatnonzero(copied_pictures(once, same)).tolist() == [60]
+    assert np.flatnonzero(copied_pictures(once)).tolist() == [60]
 
 
 def test_pictures_of_somebody_who_walks_by_leap_and_a_joint_that_steps_or_swings_does_not() -> None:
