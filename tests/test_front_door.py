@@ -19,6 +19,7 @@ from hybrid_sysid_ros import models
 from hybrid_sysid_ros.identification import evaluate
 from hybrid_sysid_ros.library.arguments import given_columns, given_sampling
 from hybrid_sysid_ros.support import extensions
+from hybrid_sysid_ros.support.errors import UserError
 from tests.shared import Frame
 
 ROOT = Path(__file__).parents[1]
@@ -217,6 +218,13 @@ def test_a_set_point_is_in_the_unit_that_is_shown(things: SimpleNamespace) -> No
     loop = hs.simulate(things.rig, things.model, reference=2.0, seconds=0.1, parameters={"controller.horizon": 15})
     np.testing.assert_allclose(things.rig.display[0].shown(loop.reference), 2.0)
     assert loop.problem.horizon == 15
+
+
+def test_the_order_of_parameters_does_not_matter_and_what_must_be_longer_grows(things: SimpleNamespace) -> None:
+    for given in ({"period": 0.1, "stale_after": 1.0}, {"stale_after": 1.0, "period": 0.1}, {"period": 0.1}):
+        assert hs.mpc(things.rig, things.model, parameters=given).period == 0.1
+    with pytest.raises(UserError, match="must be more than period"):
+        hs.mpc(things.rig, things.model, parameters={"stale_after": 0.05, "period": 0.1})
 
 
 def test_a_model_may_move_in_place_of_the_rig(things: SimpleNamespace) -> None:

@@ -26,7 +26,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import controller_model, defaults, mpc_problem, shipped
 from hybrid_sysid_ros.runtime.configuration import parameters as parameters_of
 from hybrid_sysid_ros.runtime.controllers import controller_of
-from hybrid_sysid_ros.runtime.parameters import check_rules, unknown
+from hybrid_sysid_ros.runtime.parameters import check_rules, grow, unknown
 from hybrid_sysid_ros.runtime.references import KINDS, signal_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
@@ -200,20 +200,22 @@ ARGUMENTS = {"policy": "controller", "policy_path": "policy", "model": "model"}
 
 def settings_of(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
     """Values of the nodes' parameters, in lockstep, since nothing is late here."""
-    values = {node: defaults(rig, node) for node in NODES}
+    known = {node: parameters_of(rig, node) for node in NODES}
+    chosen = {node: dict[str, Any]() for node in NODES}
     for name, value in arguments.mapping_of(given, "parameters", '{"controller.horizon": 10}').items():
         node, _, key = str(name).partition(".")
         arguments.choice_of(node, f"the node of parameters[{name!r}]", NODES)
-        known = parameters_of(rig, node)
         with arguments.within(f"parameters[{name!r}]"):
-            if key not in known:
-                raise unknown(key, known)
+            if key not in known[node]:
+                raise unknown(key, known[node])
             if key in ARGUMENTS:
                 raise UserError(f"has no effect here: give it as the argument {ARGUMENTS[key]} of simulate")
-            values[node][key] = known[key].checked(value)
-            check_rules(known, values[node])
+            chosen[node][key] = known[node][key].checked(value)
+    values = {node: {**defaults(rig, node), **chosen[node], "lockstep": True} for node in NODES}
     for node in NODES:
-        values[node]["lockstep"] = True
+        grow(known[node], values[node], chosen[node])
+        with arguments.within(f"parameters of {node}"):
+            check_rules(known[node], values[node])
     return values
 
 

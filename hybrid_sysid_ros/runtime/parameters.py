@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cache
@@ -211,6 +211,14 @@ def _following(rig: Rig, declared: Mapping[str, Any], known: Mapping[str, NodePa
 
 def _values(known: Mapping[str, NodeParameter]) -> dict[str, Any]:
     return {name: item.default for name, item in known.items()}
+
+
+def grow(known: Mapping[str, NodeParameter], values: dict[str, Any], given: Collection[str]) -> None:
+    """Let values that nobody gave, and that must be above another one, grow with that one as rigs' defaults do."""
+    for _ in known:  # each may stand above another that grows
+        for name, item in known.items():
+            if item.above and name not in given and not values[name] > values[item.above]:
+                values[name] = item.default * values[item.above] / known[item.above].default
 
 
 def check_rules(known: Mapping[str, NodeParameter], values: Mapping[str, Any], where: str = "") -> None:
