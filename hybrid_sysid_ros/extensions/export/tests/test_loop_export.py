@@ -10,13 +10,16 @@ import pytest
 
 import hybrid_sysid_ros as hs
 from benchmarks import loop_fuzz
+from hybrid_sysid_ros.control.mpc.calls import HELD
 from hybrid_sysid_ros.estimation import monitored_estimator
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.unit import daqp_source, folder, stack_use, unit
+from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.replay import SPELL, recorded
 from hybrid_sysid_ros.extensions.export.unit.unit import affine_initial_states
 from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.configuration import shipped
@@ -123,6 +126,82 @@ def test_in_a_faulty_loop_a_sensor_is_left_out_and_a_second_estimate_brings_it_b
     assert sum(python.monitored.monitor.counts) > 0
     assert any(agreed)
     assert not any(python.monitored.monitor.left_out)
+
+
+class Asked:
+    """The joint's loop in Python, asked period by period with a sound plant; a unit is held to it by its export."""
+
+    def __init__(self, joint):
+        self.rig, self.loop = joint
+        self.loop.command = np.zeros(len(self.rig.actuators))  # it stays through a reset
+        self.loop.reset()
+        self.plant, self.applied, self.k = Plant(self.rig, seed=2), self.loop.command.copy(), 0
+        self.preview = np.zeros((self.loop.controller.horizon, len(self.rig.sensors)))
+
+    def go(self, periods, *, stamp=lambda time: time, applied=None, preview=None):
+        """Its answers."""
+        period, found = self.loop.estimator.period, []
+        for _ in range(periods):
+            given = self.applied if applied is None else applied
+            asked = self.preview if preview is None else preview
+            found.append(self.loop.step(stamp(self.k * period), self.plant.sensed(), given, asked))
+            self.loop.prepare(period)
+            self.applied, self.k = found[-1].inputs, self.k + 1
+            for _ in range(round(period / self.plant.step)):
+                self.plant.advance(self.applied)
+        return found
+
+
+@pytest.fixture
+def asked(joint):
+    found = Asked(joint)
+    found.go(20)
+    return found
+
+
+STILL = 0.1  # s, a stamp that stands still or lies far ahead of all others
+
+
+def test_a_unit_whose_stamps_stand_still_holds_then_rests_and_comes_back(asked):
+    loop, rest = asked.loop, [actuator.rest for actuator in asked.rig.actuators]
+    period = loop.estimator.period
+    found = asked.go(round((loop.stale_after + loop.zero_after) / period) + 10, stamp=lambda time: STILL)
+    statuses = [answer.status for answer in found]
+    assert statuses[round(loop.stale_after / period) + 2] == HELD
+    assert statuses[-1] == RESTED
+    np.testing.assert_array_equal(found[-1].inputs, rest)
+    assert asked.go(3)[-1].status not in (HELD, RESTED)
+
+
+@pytest.mark.parametrize("ahead", [100.0, 1e9, 1e15, 1e300])
+def test_one_stamp_far_ahead_blinds_a_unit_for_two_periods_at_most(asked, ahead):
+    asked.go(1, stamp=lambda time: time + ahead)
+    asked.go(3)
+    period, sensed = asked.loop.estimator.period, asked.plant.sensed()
+    assert asked.loop._stale < 1.5 * period
+    assert abs(asked.go(1)[-1].state[0] - sensed[0]) < 0.01
+
+
+def test_without_a_reference_a_unit_rests(asked):
+    missing = np.full_like(asked.preview, np.nan)
+    found = asked.go(round(asked.loop.zero_after / asked.loop.estimator.period) + 5, preview=missing)
+    assert found[-1].status == RESTED
+    assert asked.go(2)[-1].status not in (HELD, RESTED)
+
+
+def test_applied_inputs_that_are_unknown_are_no_fault(asked):
+    found = asked.go(200, applied=np.full_like(asked.applied, np.nan))
+    assert max(answer.judged[0] for answer in found) == 0.0
+
+
+def test_a_reference_beyond_the_travel_is_held_before_its_end(asked, joint, monkeypatch):
+    high = np.full(asked.preview.shape[1], 0.3)  # the joint turns without end
+    monkeypatch.setattr(asked.loop, "reach", np.array([-high, high]))
+    found = asked.go(20, preview=np.full_like(asked.preview, 1e9))
+    other = Asked(joint)
+    other.go(20)
+    expected = other.go(20, preview=np.tile(high, (len(other.preview), 1)))
+    np.testing.assert_array_equal([answer.inputs for answer in found], [answer.inputs for answer in expected])
 
 
 @pytest.mark.parametrize("rig", ["math", "Signal", "api", "daqp", "node", "test", "7 motors"])

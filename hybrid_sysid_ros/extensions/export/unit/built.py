@@ -16,6 +16,8 @@ from hybrid_sysid_ros.support.errors import UserError
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic")
 FLAGS = ("-std=c99", "-O2", "-fno-asynchronous-unwind-tables")
 """The last: nothing unwinds a stack of C, and its tables take 8 kB."""
+COLD = ("api", "daqp_prox")
+"""Files of DAQP that a loop runs once, or never."""
 
 
 class PeriodAnswer(NamedTuple):
@@ -47,7 +49,8 @@ def build(compiler: str, folder: Path, name: str, into: Path, *, flags: tuple[st
     common = [compiler, *FLAGS, *flags, "-fPIC", "-I", str(folder), "-c"]
     own, solver = folder / f"{name}.c", sorted((folder / "daqp").glob("*.c"))
     objects = [into / "unit.o", *(into / f"daqp_{path.stem}.o" for path in solver)]
-    kinds = [(*WARNINGS, "-Werror"), *(("-w", *renamed(name)) for _ in solver)]
+    sized = [("-Os",) if path.stem in COLD else () for path in solver]
+    kinds = [(*WARNINGS, "-Werror"), *(("-w", *size, *renamed(name)) for size in sized)]
 
     def compiled(source: Path, kind: tuple[str, ...], target: Path) -> None:
         compile_source([*common, *kind, str(source), "-o", str(target)], source.name)

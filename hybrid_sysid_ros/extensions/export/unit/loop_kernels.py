@@ -55,17 +55,23 @@ def expect_outputs(loop: PrintedLoop) -> None:
     expect(loop, loop.outputs)
 
 
-def decide(loop: PrintedLoop, governed: bool) -> None:
-    """The command for the newest estimate. governed: the reference may have to be led on."""
-    progress, guard, m = loop.progress[0], loop.guard, len(loop.command)
+def decide(loop: PrintedLoop, governed: bool, alone: bool) -> None:
+    """The command for the newest estimate. governed: the reference may have to be led on. alone: nobody else looks
+    whether measurements come and answers are found.
+    """
+    progress, settings, guard, m = loop.progress[0], loop.settings, loop.guard, len(loop.command)
     core = guard.core[0]
     inputs, rest = np.zeros(m), np.zeros(m)
     find_rest(loop, rest)
     commanding.turn(guard, loop.command)
     if core.level >= RESTING:
-        progress.returning, progress.status = 1, RESTED
+        progress.returning, progress.status, progress.lost = 1, RESTED, 0.0
         assign(inputs, rest)
+    elif alone and progress.stale > settings.stale_after:
+        progress.status = calls.HELD
+        assign(inputs, loop.command)
     else:
+        keep_within_reach(loop)
         if progress.returning != 0 or guard.governor[0].slow:
             expect(loop, loop.outputs)
         if progress.returning != 0:
@@ -84,12 +90,28 @@ def decide(loop: PrintedLoop, governed: bool) -> None:
             assign(inputs, loop.plan)
         if core.share < 1.0 or core.tried < 1.0:
             commanding.slow(guard, inputs, rest)
+    if alone and core.level < RESTING:
+        is_sound = progress.status != calls.FAILED and progress.status != calls.HELD
+        progress.lost = 0.0 if is_sound else progress.lost + settings.period
+        if progress.lost > settings.zero_after:
+            progress.returning, progress.status = 1, RESTED
+            assign(inputs, rest)
     commanding.make_up(guard, inputs)
     commanding.limit_rates(guard, inputs, loop.command, progress.elapsed)
     assign(loop.command, inputs)
     commanding.remember(guard, loop.command)
     commanding.turn(guard, loop.command)
     progress.noted = 1
+
+
+def keep_within_reach(loop: PrintedLoop) -> None:
+    """Keep the references within the rig's travel and validity."""
+    low, high = loop.reach_low, loop.reach_high
+    for k in range(low.shape[0]):
+        loop.now[k] = min(max(loop.now[k], low[k]), high[k])
+        for i in range(loop.times.shape[0]):
+            at = i * low.shape[0] + k
+            loop.preview[at] = min(max(loop.preview[at], low[k]), high[k])
 
 
 def find_rest(loop: PrintedLoop, inputs: Array) -> None:
@@ -236,13 +258,14 @@ def forget_measurements(loop: PrintedLoop) -> None:
     """Forget them all, and when they came."""
     forget_estimate(loop)
     suppose(loop, False)
-    loop.progress[0].answered = math.nan
+    loop.progress[0].answered, loop.progress[0].stale = math.nan, 0.0
 
 
 def begin_control(loop: PrintedLoop) -> None:
     """Forget the last plan, and that the loop comes back."""
     forget_plan(loop)
-    loop.progress[0].returning, loop.progress[0].noted = 0, 0
+    progress = loop.progress[0]
+    progress.returning, progress.noted, progress.lost = 0, 0, 0.0
 
 
 def forget_plan(loop: PrintedLoop) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from hybrid_sysid_ros.core.addresses import numbers_at
 from hybrid_sysid_ros.estimation.belief import copy
+from hybrid_sysid_ros.estimation.measurement_sequence import LARGEST_INPUT
 from hybrid_sysid_ros.estimation.monitored_estimator import (
     DIVERGED,
     agrees,
@@ -53,6 +54,9 @@ def observe(loop: PrintedLoop, time: float) -> bool:
     watch, sensors = monitor.watch[0], monitor.sensors
     given = np.zeros(len(loop.applied))
     copy(loop.applied, given)
+    for j in range(len(given)):
+        if not abs(given[j]) <= LARGEST_INPUT:  # it is not known
+            loop.applied[j] = loop.command[j]
     turn_applied(loop)
     any_left = screen(sensors, monitor.detectors, monitor.ring, loop.outputs, monitor.shown)
     if watch.astray and any_left:
@@ -64,8 +68,11 @@ def observe(loop: PrintedLoop, time: float) -> bool:
         copy(given, loop.applied)
         return False
     progress.elapsed = 0.0
+    progress.stale += loop.settings.period
     if math.isfinite(time):
         first = math.isnan(progress.answered)
+        if first or time > progress.answered:
+            progress.stale = 0.0
         progress.elapsed = loop.settings.period if first else max(time - progress.answered, 0.0)
         progress.answered = time if first else max(time, progress.answered)
     _take_over(loop)

@@ -17,11 +17,12 @@ from hybrid_sysid_ros.support.arrays import Array
 PROGRESS = np.dtype(
     [
         *((name, "i8") for name in ("planned", "fresh", "status", "resets", "returning", "noted")),
-        *((name, "f8") for name in ("age", "answered", "elapsed", "doubt", "without", "reversed")),
+        *((name, "f8") for name in ("age", "answered", "elapsed", "stale", "lost", "doubt", "without", "reversed")),
     ]
 )
 """What a loop remembers beside its arrays: how its command was found, and the age [s] of a plan below which a
 stabiliser acts. answered, elapsed: stamp of the newest measurement that was, and the time since the one before [s].
+stale, lost: for how long no newer measurement has come, and no sound answer was found [s].
 returning: whether the loop comes back from rest. noted: whether the guard has taken in the command. doubt, without,
 reversed: of the estimate.
 """
@@ -47,6 +48,10 @@ class LoopNumbers(NamedTuple):
     period: float
     """Of the measurements [s]."""
     patience: int
+    stale_after: float
+    """Without a newer measurement for this time the last command is held [s]."""
+    zero_after: float
+    """Without a sound answer for this time the inputs rest [s]."""
 
 
 class InitialStates(NamedTuple):
@@ -99,6 +104,10 @@ class PrintedLoop(NamedTuple):
     monitor: SensorWatch
     at_rest: Array
     """(m,), inputs at rest."""
+    reach_low: Array
+    """(p,), lowest references."""
+    reach_high: Array
+    """(p,)."""
     now: Array
     """(p,), the reference when the next command acts."""
     times: Array

@@ -11,12 +11,14 @@ import numpy as np
 
 from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.mpc.calls import HELD
 from hybrid_sysid_ros.control.mpc.mpc import STATUSES
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.guard import Guard
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.control.waiting_inputs import InputsOnTheirWay, WaitingInputs
 from hybrid_sysid_ros.estimation import METHODS, ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation.measurement_sequence import LARGEST_INPUT
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED, WAITING
@@ -29,6 +31,10 @@ from hybrid_sysid_ros.runtime.estimators import estimator_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
+RESTART = 1.0
+"""A stamp this far before the newest one begins time anew, or is a fault [s]."""
+LARGEST_STAMP = 1e11
+"""Of a clock [s]; a double tells microseconds there."""
 CODES = {status: code for code, status in STATUSES.items()}
 """In C, by their names in Python."""
 
@@ -45,6 +51,12 @@ class PythonLoop:
     supervisor: Supervisor | None
     limits: tuple[Array, Array]
     """Lowest and highest command (m,)."""
+    reach: Array
+    """Lowest and highest reference (2, p)."""
+    stale_after: float
+    """Without a newer measurement for this time the last command is held [s]."""
+    zero_after: float
+    """Without a sound answer for this time the inputs rest [s]."""
 
     @property
     def estimator(self) -> ExtendedKalmanFilter:
@@ -79,28 +91,41 @@ class PythonLoop:
         self.command = command
         state, offset = np.zeros(len(self.mpc.system.states)), np.zeros(len(command))
         self._answer = PeriodAnswer(WAITING, command, state, state, offset, np.zeros(2))
-        self._answered = math.nan
+        self._answered = self._back = math.nan
+        self._stale = 0.0
 
     def step(self, time: float, outputs: Array, applied: Array, preview: Array) -> PeriodAnswer:
         """A period: outputs (p,), applied inputs (m,), preview (N, p)."""
+        time = time if abs(time) <= LARGEST_STAMP else math.nan
+        if self._begins_anew(time):
+            self.reset()
+        known = np.where(np.abs(applied) <= LARGEST_INPUT, applied, self.command)
         elapsed = 0.0
         if math.isfinite(time):
             first = math.isnan(self._answered)
             elapsed = self.estimator.period if first else max(time - self._answered, 0.0)
         try:
-            estimate = self.monitored.update(time, outputs, applied)
+            estimate = self.monitored.update(time, outputs, known)
         except UserError:
             if not self.estimator._started:
                 self._answer = self._answer._replace(status=WAITING)
                 return self._answer
             estimate = self.estimator._look()
+        self._stale += self.estimator.period
         if math.isfinite(time):
+            self._stale = self._stale if time <= self._answered else 0.0
             self._answered = time if math.isnan(self._answered) else max(time, self._answered)
-        command, loop = self.guarded.answer(estimate, applied, preview[0], preview, elapsed), self.guarded
-        status = RESTED if loop.plan is None else CODES[loop.plan.status]
+        preview, blind, loop = np.clip(preview, *self.reach), self._stale > self.stale_after, self.guarded
+        command = loop.answer(estimate, applied, preview[0], preview, elapsed, blind=blind)
+        status = RESTED if loop.rests else HELD if blind or loop.plan is None else CODES[loop.plan.status]
         judged = np.array([float(loop.level), loop.guard.memory.core[0].cause + 1])
         self._answer = PeriodAnswer(status, command, estimate.state, estimate.ahead, estimate.disturbance, judged)
         return self._answer
+
+    def _begins_anew(self, time: float) -> bool:
+        """Whether time begins anew: with the second stamp in a row that is long before the newest one."""
+        before, self._back = self._back, time if time < self._answered - RESTART else math.nan
+        return before < self._back < before + RESTART
 
     def sent(self, inputs: Array) -> None:
         """What the rig got is always what this loop has answered."""
@@ -145,9 +170,20 @@ def loop_in_python(
     lead = model.system.delay + given["latency"]
     return PythonLoop(
         monitored=monitored,
-        guarded=GuardedController(made.controller, guard, monitored, rest=rest, lead=lead),
+        guarded=GuardedController(
+            made.controller,
+            guard,
+            monitored,
+            rest=rest,
+            lead=lead,
+            turn=monitored.filter.period,
+            zero_after=given["zero_after"],
+        ),
         mpc=mpc,
         supervisor=made.supervisor,
+        reach=rig.reach,
+        stale_after=given["stale_after"],
+        zero_after=given["zero_after"],
         limits=rig.limits
         if isinstance(made.controller, Cascade)
         else (np.array(mpc.problem.input_low), np.array(mpc.problem.input_high)),

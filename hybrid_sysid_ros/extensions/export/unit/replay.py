@@ -90,13 +90,18 @@ def _read(fault: str, k: int, outputs: Array, sound: Array) -> Array:
 
 
 def odd(questions: Sequence[PeriodQuestion], count: int, *, period: float, seed: int = 1) -> Iterator[PeriodQuestion]:
-    """Questions that a loop is not asked: jumps and gaps of time, late and repeated stamps, missing or wild numbers."""
-    random, time = np.random.default_rng(seed), 0.0
+    """Questions that a loop is not asked: jumps and gaps of time, late and repeated stamps, missing or wild numbers,
+    and for a while each stamps that stand still, and no reference.
+    """
+    random, time, spell = np.random.default_rng(seed), 0.0, min(100, count // 8)
     for k in range(count):
         own = questions[k % len(questions)]
         kind = random.integers(0, 24) if k % 3 == 0 else 23
-        time += {0: 0.0, 1: -2.0 * period, 2: 2.0, 3: 0.4, 4: 1e4}.get(int(kind), period)
+        stands = count // 4 <= k < count // 4 + spell
+        time += 0.0 if stands else {0: 0.0, 1: -2.0 * period, 2: 2.0, 3: 0.4, 4: 1e4, 14: -3.0}.get(int(kind), period)
         outputs, applied, preview = own.outputs.copy(), own.applied.copy(), own.preview.copy()
+        if count // 2 <= k < count // 2 + spell:
+            preview[:] = np.nan
         if kind == 5:
             outputs[:] = np.nan
         for target, at, wild in ((outputs, (6, 7), WILD), (applied, (8, 9), UNKNOWN), (preview, (10,), WILD)):
@@ -104,7 +109,7 @@ def odd(questions: Sequence[PeriodQuestion], count: int, *, period: float, seed:
                 target.flat[random.integers(target.size)] = random.choice(wild)
         if kind == 11:
             outputs += random.normal(size=outputs.shape)
-        stamp = math.nan if kind == 12 else time
+        stamp = {12: math.nan, 15: time + 100.0, 16: 1e300}.get(int(kind), time)
         yield PeriodQuestion(stamp, outputs, applied, preview, kind == 13 or k == 0)
 
 

@@ -29,7 +29,7 @@ from hybrid_sysid_ros.extensions.export.unit.printed_loop import (
     PrintedLoop,
 )
 from hybrid_sysid_ros.extensions.export.unit.printing import Printer, layout_of
-from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
+from hybrid_sysid_ros.extensions.export.unit.python_loop import LARGEST_STAMP, RESTART, PythonLoop
 from hybrid_sysid_ros.extensions.export.unit.records import RECORD_NAMES, guard_records, record_type, watch_records
 from hybrid_sysid_ros.extensions.export.unit.translator import Translator
 from hybrid_sysid_ros.extensions.export.unit.values import BOOL, REAL, KnownValue, NumberValue, literal
@@ -87,6 +87,8 @@ def loop_of(rig: Rig, python: PythonLoop) -> PrintedLoop:
         settings=LoopNumbers(
             period=float(estimator.period),
             patience=int(tuning.patience),
+            stale_after=python.stale_after,
+            zero_after=python.zero_after,
         ),
         initial=InitialStates(
             offset=offset,
@@ -112,6 +114,8 @@ def loop_of(rig: Rig, python: PythonLoop) -> PrintedLoop:
         guard=guard_records(guarded.guard.memory),
         monitor=watch_records(python.monitored),
         at_rest=np.array([actuator.rest for actuator in rig.actuators]),
+        reach_low=python.reach[0].copy(),
+        reach_high=python.reach[1].copy(),
         now=np.zeros(len(system.outputs)),
         times=np.array(guarded.times),
         preview=(supervisor or mpc).instance.preview.reshape(-1),
@@ -175,7 +179,8 @@ def translated(loop: PrintedLoop, arrays: dict[str, Array], rig: str, *, single:
         _name_arrays(layout, loop, arrays)
         translator = Translator(layout, rig, "f" if single else "", constants)
         translator.call(observe, [KnownValue(loop), NumberValue(REAL, "time")])  # type: ignore[arg-type]
-        translator.call(kernels.decide, [KnownValue(loop), NumberValue(BOOL, "governed")])  # type: ignore[arg-type]
+        switches = NumberValue(BOOL, "governed"), NumberValue(BOOL, "alone")
+        translator.call(kernels.decide, [KnownValue(loop), *switches])  # type: ignore[arg-type]
         for kernel in (kernels.expect_outputs, kernels.judge, kernels.find_plan_at_rest, kernels.sent, kernels.lead):
             translator.call(kernel, [KnownValue(loop)])  # type: ignore[arg-type]
         translator.call(kernels.look_forward, [KnownValue(loop), NumberValue(REAL, "elapsed")])  # type: ignore[arg-type]
@@ -203,7 +208,20 @@ def _name_arrays(layout: MemoryLayout, loop: PrintedLoop, arrays: dict[str, Arra
     cores, channels, moments, readings, inputs = loop.memory
     layout.add("progress", loop.progress)
     layout.add("stamps", loop.stamps)
-    for name in ("outputs", "applied", "plan", "command", "out", "P", "gains", "low", "high", "now"):
+    for name in (
+        "outputs",
+        "applied",
+        "plan",
+        "command",
+        "out",
+        "P",
+        "gains",
+        "low",
+        "high",
+        "now",
+        "reach_low",
+        "reach_high",
+    ):
         layout.add(name, getattr(loop, name))
     for name, value in (("core", cores), ("channels", channels), ("moments", moments), ("readings", readings)):
         layout.add(name, value)
@@ -253,6 +271,10 @@ def texts(
         "outputs": p,
         "horizon": horizon,
         "preview": n + 2 * m,
+        "restart": RESTART,
+        "largest_stamp": f"{LARGEST_STAMP:g}",
+        "stale_after": f"{loop.settings.stale_after:g}",
+        "zero_after": f"{loop.settings.zero_after:g}",
         "records": printer.records() + (printer.filter() if count > 1 else ""),
         "memory": printer.memory(),
         "filters": f"    {rig}_filter filters[{count}], *filter, *further[{count - 1}];\n" if count > 1 else "",
@@ -270,10 +292,10 @@ def texts(
         "single": "#ifndef DAQP_SINGLE_PRECISION\n#define DAQP_SINGLE_PRECISION\n#endif\n" if translator.suffix else "",
         "rebase": _rebased(printer) if translator.suffix else "",
         "soft": soft_lines,
-        "observe": printer.entry(observe, f"({rig}_real)(measurement->time - unit->origin)"),
+        "observe": printer.entry(observe, f"({rig}_real)(time - unit->origin)"),
         "expect": printer.entry(kernels.expect_outputs, ""),
         "judge": printer.entry(kernels.judge, ""),
-        "decide": printer.entry(kernels.decide, "now != NULL"),
+        "decide": printer.entry(kernels.decide, "now != NULL, alone"),
         "find_rest": printer.entry(kernels.find_plan_at_rest, ""),
         "sent": printer.entry(kernels.sent, ""),
         "lead": printer.entry(kernels.lead, ""),
@@ -294,8 +316,8 @@ def _rebased(printer: Printer) -> str:
     return (
         f"    if ({printer.place('stamps')}[0].started) {{\n"
         f"        unit->origin += (double){printer.entry(kernels.rebase, '')};\n"
-        "    } else if (isfinite(measurement->time)) {\n"
-        "        unit->origin = measurement->time;\n"
+        "    } else if (isfinite(time)) {\n"
+        "        unit->origin = time;\n"
         "    }\n"
     )
 

@@ -115,6 +115,7 @@ int @{name}_init(@{name}_memory *unit)
     unit->result.lam = unit->program_multipliers;
     daqp_default_settings(&unit->settings);
     unit->settings.primal_tol = @tolerance;
+    unit->back = NAN;
     unit->workspace.settings = &unit->settings;
     @{name}_in_use = unit;
     flag = setup_daqp(&unit->problem, &unit->workspace, NULL);
@@ -126,6 +127,7 @@ int @{name}_init(@{name}_memory *unit)
 void @{name}_forget_estimate(@{name}_memory *unit)
 {
     @forget_estimate;
+    unit->back = NAN;
 @begin_monitor
 }
 
@@ -141,10 +143,23 @@ void @{name}_reset(@{name}_memory *unit)
     @{name}_forget_plan(unit);
 }
 
+/* Whether time begins anew: with the second stamp in a row that is long before the newest one. */
+static int @{name}_begins_anew(@{name}_memory *unit, double time)
+{
+    const double before = unit->back;
+
+    unit->back = time < unit->origin + (double)unit->progress[0].answered - @restart ? time : NAN;
+    return before < unit->back && unit->back < before + @restart;
+}
+
 int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement, @{name}_command *command)
 {
+    const double time = fabs(measurement->time) <= @largest_stamp ? measurement->time : NAN;
     int known;
 
+    if (@{name}_begins_anew(unit, time)) {
+        @{name}_reset(unit);
+    }
     memcpy(unit->outputs, measurement->outputs, sizeof unit->outputs);
     memcpy(unit->applied, measurement->applied, sizeof unit->applied);
 @rebase    known = @observe;
@@ -170,8 +185,9 @@ void @{name}_judge(@{name}_memory *unit, const @{name}_real *applied, @{name}_co
     command->cause = unit->guard_core[0].cause + 1;
 }
 
-void @{name}_decide_from(
-    @{name}_memory *unit, const @{name}_real *now, const @{name}_reference *reference, @{name}_command *command)
+static void @{name}_answer_with(
+    @{name}_memory *unit, const @{name}_real *now, const @{name}_reference *reference, int alone,
+    @{name}_command *command)
 {
     memcpy(unit->instance + @preview, reference->outputs, sizeof reference->outputs);
     if (now != NULL) {
@@ -180,6 +196,12 @@ void @{name}_decide_from(
     @decide;
     memcpy(command->inputs, unit->command, sizeof command->inputs);
     command->status = unit->progress[0].status;
+}
+
+void @{name}_decide_from(
+    @{name}_memory *unit, const @{name}_real *now, const @{name}_reference *reference, @{name}_command *command)
+{
+    @{name}_answer_with(unit, now, reference, 0, command);
 }
 
 void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command)
@@ -193,7 +215,8 @@ void @{name}_step(
     @{name}_command *command)
 {
     if (@{name}_observe(unit, measurement, command)) {
-        @{name}_decide(unit, reference, command);
+        @{name}_judge(unit, unit->applied, command);
+        @{name}_answer_with(unit, reference->outputs, reference, 1, command);
     }
 }
 

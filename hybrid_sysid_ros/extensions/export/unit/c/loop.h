@@ -21,14 +21,17 @@ extern "C" {
 
 typedef @real @{name}_real;
 
-/* outputs: readings of the sensors, NAN where one is missing. applied: mean inputs since the measurement before. */
+/* outputs: readings of the sensors, NAN where one is missing. applied: mean inputs since the measurement before, NAN
+ * where they are not known: the last command then. time: missing beyond @largest_stamp s; it begins anew with the second one
+ * in a row that is more than @restart s before the newest. */
 typedef struct {
     double time; /* [s] */
     @{name}_real outputs[@{NAME}_OUTPUTS];
     @{name}_real applied[@{NAME}_INPUTS];
 } @{name}_measurement;
 
-/* outputs: references at one period of the horizon after another, the first one period after the command acts. */
+/* outputs: references at one period of the horizon after another, the first one period after the command acts. Beyond
+ * the rig's travel or validity they are held just before its end. */
 typedef struct {
     @{name}_real outputs[@{NAME}_HORIZON * @{NAME}_OUTPUTS];
 } @{name}_reference;
@@ -40,8 +43,8 @@ enum @{name}_status {
     @{NAME}_NOT_CONVERGED, /* the last iterate, within the bounds */
     @{NAME}_FAILED, /* no solution: the rest of the last plan, or the last command */
     @{NAME}_POLICY, /* the policy's plan, which has passed the check */
-    @{NAME}_HELD, /* neither a policy nor a plan: the last command */
-    @{NAME}_RESTED /* the guard rests the inputs */
+    @{NAME}_HELD, /* neither a policy nor a plan, or no newer measurement for @stale_after s: the last command */
+    @{NAME}_RESTED /* the guard rests the inputs, or step has found no sound answer (1, 2, 3, 5) for @zero_after s */
 };
 
 /* What the guard allows, by the evidence that it has. */
@@ -85,6 +88,7 @@ typedef struct {
     @{name}_real arena[@arena];
     int used;
     double origin; /* from which floats count time [s] */
+    double back; /* the newest stamp, where that is long before others [s] */
 } @{name}_memory;
 
 /* Bytes of the memory. */
@@ -101,8 +105,8 @@ void @{name}_step(
     @{name}_memory *unit, const @{name}_measurement *measurement, const @{name}_reference *reference,
     @{name}_command *command);
 
-/* The two halves of a period, for whoever does something in between. The first finds the estimate alone: 1, or 0 while
- * there is none; the second the command for it.
+/* The two halves of a period, for whoever does something in between, and looks itself whether measurements come and
+ * answers are found. The first finds the estimate alone: 1, or 0 while there is none; the second the command for it.
  */
 int @{name}_observe(@{name}_memory *unit, const @{name}_measurement *measurement, @{name}_command *command);
 void @{name}_decide(@{name}_memory *unit, const @{name}_reference *reference, @{name}_command *command);
