@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.extensions.export.robots.files import TIMESTEP, mjcf, remarks, urdf
+from hybrid_sysid_ros.extensions.export.robots.files import TIMESTEP, mjcf, remarks, unsaid_in_urdf, urdf
 from hybrid_sysid_ros.extensions.export.robots.joint_dynamics import (
     RUNS,
     JointDynamics,
@@ -53,6 +53,7 @@ def export_robot(
     check_file(out, suffix=SUFFIXES[form], replace=overwrite)
     joints = joints_of(rig, model)
     notes = remarks(rig, model, joints, seal)
+    notes += [line for joint in joints if form == "urdf" for line in unsaid_in_urdf(joint)]
     text = (urdf if form == "urdf" else mjcf)(rig, joints, notes)
     difference = None
     if form == "mjcf" and _mujoco() is not None:

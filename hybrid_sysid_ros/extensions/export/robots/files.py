@@ -22,6 +22,8 @@ SHARE = 0.05
 """Of a joint's inertia that its body has, the rest is armature: MuJoCo scales the softness of dry friction by the
 body's inertia alone, and without any a joint would slide as if it were greased.
 """
+ROUNDING = 1e-6
+"""Of a fit's numbers."""
 LIGHT = 1e-6
 """Mass [kg] and inertia [kg m^2] of bodies that stand still."""
 
@@ -31,6 +33,21 @@ def remarks(rig: Rig, model: Model, joints: Sequence[JointDynamics], seal: str) 
     found = [f"{model.structure} of {rig.name}, {seal}: friction and inertia as identified."]
     found += [line for joint in joints for line in joint.left_out]
     return [line.replace("--", "- ") for line in found]
+
+
+def unsaid_in_urdf(joint: JointDynamics) -> list[str]:
+    """What of a joint URDF has no place for."""
+    found = []
+    if abs(joint.spring) > ROUNDING:
+        found.append(
+            f"The spring of joint {joint.name} towards zero ({joint.spring:.3g} per unit) has no place in URDF."
+        )
+    if joint.input and (not joint.identified or abs(joint.offset) > ROUNDING):
+        found.append(
+            f"The drive of joint {joint.name} has none: {joint.gain:.3g} per unit of {joint.input}, "
+            f"{joint.offset:+.3g} without any."
+        )
+    return found
 
 
 def urdf(rig: Rig, joints: Sequence[JointDynamics], notes: Sequence[str]) -> str:
