@@ -337,6 +337,19 @@ def test_cold_starts_on_the_beam_are_solved(rig, option):
         assert exact.control(*instance(seed)).status is Status.SOLVED
 
 
+@pytest.mark.parametrize("option", MILD)
+def test_a_solved_question_that_is_asked_again_is_answered_at_once_and_the_same(rig, option):
+    """Gauss-Newton's step from a solution may be long where its Hessian is nearly flat."""
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,), max_iterations=50, **MILD[option])
+    exact = ExactMpc(rig.system, problem)
+    for seed in range(20):
+        exact.reset()
+        asked = instance(seed)
+        plan, again = (exact.control(*asked) for _ in range(2))
+        assert (plan.status, again.status, exact.iterations) == (Status.SOLVED, Status.SOLVED, 1)
+        np.testing.assert_array_equal(again.inputs, plan.inputs)
+
+
 def test_changes_of_the_input_stay_within_their_limit(rig):
     problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,), rate_limits=(0.7,))
     controller = ExactMpc(rig.system, problem)

@@ -101,6 +101,8 @@ def solve(
         if not _solve_program(horizon, program):
             return SolverResult(False, 0, error)
         progress.changed = quadratic.keep_working_set(program)
+        if made + done == 0 and _is_solution(program, cost, tolerance):
+            return SolverResult(True, 1, residual(program))
         cost = search_along(prediction, horizon, program, instance, cost, made == 0, True)
         last = error
         progress.steps += 1
@@ -221,6 +223,24 @@ def _solve_program(horizon: Horizon, program: Program) -> bool:
     quadratic.clear_working_set(program)
     condense(horizon, program)
     return quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES)  # type: ignore[no-any-return]
+
+
+@inner
+def _is_solution(program: Program, cost: float, tolerance: float) -> bool:
+    """Whether the iterate itself is a solution: with the multipliers of its program its KKT residual is within the
+    tolerance, and the step to the active constraints is worth no more than rounding of the cost.
+
+    The step may still be long where the Gauss-Newton Hessian is nearly flat, and lead away from the solution.
+    """
+    v, worth = program.gradient.shape[0], 0.0
+    for c in range(v):
+        worth += abs(program.multipliers[c] * program.solution[c])
+    for r in range(program.rows.shape[0]):
+        moved = 0.0
+        for c in range(v if program.multipliers[v + r] != 0.0 else 0):
+            moved += program.rows[r, c] * program.solution[c]
+        worth += abs(program.multipliers[v + r] * moved)
+    return worth <= RISE * abs(cost) and residual(program) <= tolerance  # type: ignore[no-any-return]
 
 
 @inner

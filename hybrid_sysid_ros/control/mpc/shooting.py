@@ -81,19 +81,12 @@ def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
 
 
 @inner
-def cold_start(prediction: PredictionModel, horizon: Horizon, instance: Instance) -> None:
-    """The trajectory under constant previous inputs."""
-    count, m = horizon.inputs.shape
-    drive, x, following = np.empty(m), np.empty(instance.state.shape[0]), np.empty(instance.state.shape[0])
-    assign(x, instance.state)
+def cold_start(horizon: Horizon, instance: Instance) -> None:
+    """The previous inputs, held; the solver finds their states."""
     assign(horizon.disturbance, instance.disturbance)
-    assign(horizon.states[0], x)
-    for i in range(count):
-        for j in range(m):
+    for i in range(horizon.inputs.shape[0]):
+        for j in range(horizon.inputs.shape[1]):
             horizon.inputs[i, j] = min(max(instance.previous[j], horizon.limits.low[j]), horizon.limits.high[j])
-            drive[j] = horizon.inputs[i, j] + horizon.disturbance[j]
-        advance_interval(prediction, x, drive, following)
-        assign(horizon.states[i + 1], x)
 
 
 @inner
@@ -185,7 +178,7 @@ def answer(
 
     The plan is in ``horizon.planned``. With 0 iterations the trajectory has not changed.
     """
-    if anew and not _begin(prediction, horizon, instance, cold):
+    if anew and not _begin(horizon, instance, cold):
         return SolverResult(False, 0, np.inf)
     if way == CONVERGE:
         found = solve(prediction, horizon, program, instance, iterations, tolerance, anew, cold)
@@ -202,7 +195,7 @@ def answer(
 
 
 @inner
-def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, cold: bool) -> bool:
+def _begin(horizon: Horizon, instance: Instance, cold: bool) -> bool:
     """Prepare the initial trajectory of a call and keep it; False where part of the instance is not a number."""
     if not (_finite(instance.state) and _finite(instance.disturbance) and _finite(instance.previous)):
         return False
@@ -212,7 +205,7 @@ def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, co
     for j in range(instance.previous.shape[0]):
         instance.previous[j] = min(max(instance.previous[j], horizon.limits.low[j]), horizon.limits.high[j])
     if cold:
-        cold_start(prediction, horizon, instance)
+        cold_start(horizon, instance)
     assign_rows(horizon.states, horizon.last.states)
     assign_rows(horizon.inputs, horizon.last.inputs)
     assign(horizon.last.disturbance, horizon.disturbance)
