@@ -231,7 +231,7 @@ class PlantNode(RigNode):
         inputs = self.entry.read(joints, self.inputs)
         if inputs is None or not all(map(math.isfinite, inputs)):
             return
-        resting = inputs == self.rest and not self.lockstep
+        resting = inputs == self.rest
         if resting and self.is_by_hand(joints):
             self.stops += 1
             if self.controlled:
@@ -240,7 +240,7 @@ class PlantNode(RigNode):
             return
         if not self.entry.accepts_source(joints.source):
             return
-        if resting and not self.answers.awaits(stamp):
+        if resting and not self.lockstep and not self.answers.awaits(stamp):
             self.stops += 1
         elif self.answers.answer(stamp, time):
             self.controlled = True
@@ -253,8 +253,8 @@ class PlantNode(RigNode):
         self.entry.select_source(joints.source)
         if self.hand.holds(self.answers) and not resting:
             self.hand.disobeyed += 1
-            return
-        self.obey(inputs)
+        else:
+            self.obey(inputs)
         self.go_on()
 
     def obey(self, inputs: Sequence[float]) -> None:

@@ -203,6 +203,23 @@ def test_somebody_else_s_zero_stops_until_the_plant_is_enabled(bench: Bench, sou
     drill.driven(3.0)
 
 
+@pytest.mark.parametrize("source", ["", "ros2_topic_pub"])
+def test_in_lockstep_somebody_else_s_zero_stops_too_and_time_goes_on(bench: Bench, source: str) -> None:
+    """There the controller has no name, but its commands answer measurements."""
+    drill = Controlled(bench, lockstep=True, rate=100.0)
+
+    def answered(effort: float) -> float:
+        drill.answer(effort)
+        return float(drill.following().effort[0])
+
+    assert answered(2.0) == 2.0
+    drill.say(0.0, source, 0)
+    bench.until(lambda: drill.plant.hand.count)
+    assert [answered(3.0), answered(4.0)] == [0.0, 0.0]
+    assert ask(bench, Trigger, "plant/enable", Trigger.Request()).success
+    assert answered(3.0) == 3.0
+
+
 def test_a_controller_that_stops_too_is_obeyed_again(bench: Bench) -> None:
     """From then on its own service says when it drives."""
     stopped: list[int] = []
