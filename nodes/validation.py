@@ -59,8 +59,8 @@ class MessageValidator:
 
     A stamp is accepted if it lies at most ``ahead`` ahead of the clock and ``behind`` behind it [ns], and less than
     RESTART before the last accepted one. Time begins anew if the clock itself went back, by SET or more, and the stamps
-    are near it again; without a clock, as in lockstep, if two messages in a row follow each other RESTART before the
-    last one.
+    are near it again; without a clock, as in lockstep, if two messages in a row follow or repeat each other RESTART
+    before the last one.
     The first publisher, as frame_id names it, is the selected one until it has been silent for ``silence`` [ns] of
     steady time.
     """
@@ -224,7 +224,7 @@ class MessageValidator:
     def _begins_anew(self, stamp: int, *, near: bool) -> bool:
         """Whether a stamp long before the last one begins anew and is no fault; near: the stamp is near the clock."""
         before, self._back = self._back, stamp
-        return near or 0 < before < stamp < before + RESTART
+        return near or 0 < before <= stamp < before + RESTART
 
     def forget(self) -> None:
         """Wait for a first message again; what was counted stays."""

@@ -175,8 +175,9 @@ def test_a_stamp_is_near_up_to_its_bounds_and_no_further() -> None:
 
 
 def test_without_a_clock_time_begins_anew_where_two_go_on_from_one_another() -> None:
+    """Or are the same: a plant in lockstep that was reset repeats its first measurement until it is answered."""
     for second, order in (
-        (0, None),
+        (0, StampOrder.RESTART),
         (1, StampOrder.RESTART),
         (SECOND - 1, StampOrder.RESTART),
         (SECOND, None),
