@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 import hybrid_sysid_ros as hs
-from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, one_step, rollouts, simulate
+from hybrid_sysid_ros.core import (
+    ImplicitFriction,
+    RungeKutta,
+    Sensitivities,
+    System,
+    bounded,
+    one_step,
+    rollouts,
+    simulate,
+)
 from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
@@ -175,6 +184,31 @@ def test_a_fit_finds_what_the_data_tell_with_its_error(seed, closed):
         {"inertia": 1.0, "gain": -1.0},
         {"weight": 1.0, "gain": -1.0},
     ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stepped(Upright):
+    """By Euler's semi-implicit method, whose errors are of first order in the step."""
+
+    stepper = ImplicitFriction()
+
+
+def halved(record: PreparedRecord) -> PreparedRecord:
+    """A record for simulations at half the step."""
+    return replace(record, sampling=replace(SAMPLING, step=0.5 * STEP), inputs=np.repeat(record.inputs, 2, axis=0))
+
+
+def test_what_the_step_moves_in_a_fit_over_open_windows_is_in_its_standard_errors(record):
+    """Of w / J and g / J; the step error is twice what a fit of half the step moves, within a third."""
+    found, finer = (
+        fit(Stepped(inertia=0.53), [each], unstable=replace(SETTINGS, stabiliser=None), hold=["inertia"])
+        for each in (record, halved(record))
+    )
+    twice = 2.0 * (finer.system.values - found.system.values)[1:]
+    errors = (found.system.values - PLANT.values)[1:]
+    deviations = np.sqrt(np.diag(found.covariance))
+    assert np.all(np.abs(errors) < 3.0 * deviations)
+    np.testing.assert_allclose(np.abs(found.step_error), np.abs(twice), rtol=0.35)
 
 
 def test_groups_are_the_products_that_a_covariance_leaves(record):

@@ -36,6 +36,7 @@ from hybrid_sysid_ros.support.errors import counted
 from hybrid_sysid_ros.support.files import check_file, check_folder
 
 EXTENDED_BY = "comparisons"
+LOST = 10.0  # error of a simulation, in the output's deviation, that says no more than that it runs away
 EXPLAINED = 0.5  # R2 below which a model does not explain its training record
 
 
@@ -115,7 +116,8 @@ def _identified(records: Sequence[Record], rig: Rig, structure: str, **settings:
     with status.status("compiling") as spinner:
 
         def progress(stage: str, evaluations: int, error: float) -> None:
-            status.print(f"  {stage}: error {100 * error:.1f} % of the output's deviation, {evaluations} simulations")
+            share = f"error {100 * error:.1f} % of the output's deviation" if error < LOST else "simulations run away"
+            status.print(f"  {stage}: {share}, {evaluations} simulations")
             spinner.update("fitting")
 
         return identify(records, rig, structure, progress=progress, **settings)

@@ -75,9 +75,9 @@ class Context:
         }
         if given["unstable"] is not None and self.options.get("input_bias"):
             raise UserError(f"input_bias: {self.rig.name} is unstable, and short windows show no bias: leave it out")
-        if self.criterion != "simulation" and (given["unstable"] is not None or self.options.get("input_bias")):
+        if self.criterion != "simulation" and (self.unstable is not None or self.options.get("input_bias")):
             reason = (
-                "a rig with a stabiliser is fitted over windows" if given["unstable"] else "input_bias is for free runs"
+                "a rig with a stabiliser is fitted over windows" if self.unstable else "input_bias is for free runs"
             )
             raise UserError(f"criterion {self.criterion}: {reason}: take the criterion simulation")
         fits, reasons = [], []

@@ -227,7 +227,7 @@ def _with_errors(
     if problem.system.contacts and free_runs:
         jacobian = secant_jacobian(problem.residuals(horizon), solution.x, jacobian, edges)
     priors = problem.prior_covariance(None if anchor is None else anchor.covariance)
-    shifts = known_errors(problem, solution.x) if free_runs and horizon is None else None
+    shifts = known_errors(problem, solution.x, horizon) if problem.is_open(horizon) else None
     inverse, robust = covariances(jacobian, solution.fun, edges, priors=priors, shifts=shifts)
     known = np.diag(inverse) > 0.0
     robust += spread * np.outer(known, known)  # searches that leave a number where it is say nothing of it

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_ra
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.parameter_groups import groups
 from hybrid_sysid_ros.identification.part import Part, check_apart, parts_of, without_gaps
-from hybrid_sysid_ros.identification.shooting import check_sampling
+from hybrid_sysid_ros.identification.shooting import check_sampling, open_windows
 from hybrid_sysid_ros.identification.validation.bands import Uncertainty, band_calibration
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut, left_out
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
@@ -38,9 +38,9 @@ BETTER = 0.98
 """Factor of the training error by which lines between an input's samples must be better than held samples."""
 ALIKE = 0.01
 """Difference of scores by which a record is the same: another rule for the start of a run makes some thousandths."""
-REFINED, FINER = 0.3, (5, 4, 6, 3, 2)
-"""Share of a standard error by which a step may move a parameter, and the parts into which a longer step is cut, the
-first that fit the records' sampling.
+REFINED, FINER = (0.3, 1.0), (5, 4, 6, 3, 2)
+"""Shares of a standard error by which a step may move a parameter at first, and once it is finer; and the parts into
+which a longer step is cut, the first that fit the records' sampling.
 """
 
 
@@ -150,29 +150,41 @@ def _by_training(
 
 
 def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
-    """The fit at a finer step where its step moves a parameter too far, or by what nobody knows, as over open windows,
-    and the context with that step; one of a system that sticks is searched again from both sides.
+    """The fit at a finer step where its step moves a parameter too far, and the context with that step; one of a system
+    that sticks is searched again from both sides. A stabiliser acts at each step, which then is the loop's.
     """
-    windows = fitted.chi_squared is not None
-    if windows and context.unstable is not None:
+    if context.unstable is not None:
         return context, fitted
+    for least in REFINED:
+        refined = _finer(context) if _moved(fitted) > least else context
+        if refined is context and not (fitted.system.contacts and least == REFINED[0]):
+            break
+        held = [item.name for item in fitted.system.parameters if not item.fixed and item.name not in fitted.names]
+        windows = None if fitted.chi_squared is None else open_windows(context.rig)
+        given: dict[str, Any] = {"stages": (None,), "hold": held, "starts": 1, "again": True, "unstable": windows}
+        found = refined.fit_physics([fitted.system], **given)
+        seconds, evaluations = fitted.seconds + found.seconds, fitted.evaluations + found.evaluations
+        context, fitted = refined, replace(found, seconds=seconds, evaluations=evaluations)
+    return context, fitted
+
+
+def _moved(fitted: Fit) -> float:
+    """How far the step moves a parameter at most, in the rest of its standard error."""
     variances = np.diag(fitted.covariance)[: len(fitted.step_error)]
     rest = np.sqrt(np.maximum(variances - fitted.step_error**2, 1e-300))
-    held = [item.name for item in fitted.system.parameters if not item.fixed and item.name not in fitted.names]
-    refined = context
-    for parts in FINER if windows or np.any(np.abs(fitted.step_error) > REFINED * rest) else ():
+    return float(np.max(np.abs(fitted.step_error) / rest, initial=0.0))
+
+
+def _finer(context: Context) -> Context:
+    """The context at the first finer step that fits the records' sampling, or at its own."""
+    for parts in FINER:
         try:
             sampling = replace(context.sampling, step=context.sampling.step / parts)
             resampled = [checked(record, context.rig, sampling) for record in context.records]
-        except UserError:  # the step must fit the records' sampling
+        except UserError:
             continue
-        refined = replace(context, sampling=sampling, resampled=resampled)
-        break
-    if refined is context and not fitted.system.contacts:
-        return context, fitted
-    found = refined.fit_physics([fitted.system], stages=(None,), hold=held, starts=1, again=True)
-    seconds, evaluations = fitted.seconds + found.seconds, fitted.evaluations + found.evaluations
-    return refined, replace(found, seconds=seconds, evaluations=evaluations)
+        return replace(context, sampling=sampling, resampled=resampled)
+    return context
 
 
 def notes_of(model: Model, records: Sequence[Record], rig: Rig) -> dict[str, Any]:

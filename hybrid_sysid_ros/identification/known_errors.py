@@ -13,27 +13,28 @@ from hybrid_sysid_ros.identification.problem import FitProblem
 from hybrid_sysid_ros.support.arrays import Array
 
 
-def known_errors(problem: FitProblem, point: Array) -> Array:
-    """Errors of the residual rows of whole records, (errors, rows): first that of the integration step, by half the
+def known_errors(problem: FitProblem, point: Array, horizon: int | None) -> Array:
+    """Errors of the residual rows of open rollouts, (errors, rows): first that of the integration step, by half the
     step, since the method is of first order; that of inputs which may have moved within a sample; and that of readings
     that are means over a sensor's window.
     """
-    starts, states, outputs, edges = problem.windows(None)
-    weight, rest = problem.weight(outputs), np.zeros(len(problem.priors(point)))
-    system, initial = problem.initialised(point, starts, states, edges)
-    found, sampling = [np.zeros_like(outputs)], problem.sampling
-    _, coarse = problem.simulated(system, starts, initial)
+    system, starts, initial = problem.started(point, horizon)
+    sampling = problem.sampling
+    given: dict[str, Any] = {"step": problem.sampling.step, "every": problem.sampling.every}
+    _, coarse = rollouts(system, starts, initial, problem.inputs, **given)
+    weight, rest = problem.weight(coarse), np.zeros(len(problem.priors(point)))
+    found = [np.zeros_like(coarse)]
     if system.sampling_time is None and not system.stepper.is_map:
         halves = np.repeat(problem.inputs, 2, axis=0)
-        given: dict[str, Any] = {"step": 0.5 * sampling.step, "every": 2 * sampling.every}
-        _, fine = rollouts(system, starts * np.array([2, 2, 1, 1]), initial, halves, **given)
+        finer: dict[str, Any] = {"step": 0.5 * sampling.step, "every": 2 * sampling.every}
+        _, fine = rollouts(system, starts * np.array([2, 2, 1, 1]), initial, halves, **finer)
         with np.errstate(over="ignore", invalid="ignore"):
             found[0] = 2.0 * (fine - coarse)
     if any(item.bends is not None for item in problem.experiments):
         moved = np.concatenate(
             [item.inputs if item.bends is None else item.inputs + item.bends for item in problem.experiments]
         )
-        _, run = rollouts(system, starts, initial, moved, step=sampling.step, every=sampling.every)
+        _, run = rollouts(system, starts, initial, moved, **given)
         with np.errstate(over="ignore", invalid="ignore"):
             found.append(run - coarse)
     unknown = _unknown(problem)

@@ -254,6 +254,16 @@ class FitProblem:
         states[begins[:, None], self.moved_states] += self.nuisances(point).T
         return self.with_point(point), states
 
+    def started(self, point: Array, horizon: int | None) -> tuple[System, NDArray[np.int64], Array]:
+        """System, starts (windows, 4) and initial states (windows, states) of the rollouts at a point."""
+        starts, states, _, edges = self.windows(horizon)
+        system, initial = self.initialised(point, starts, states, edges)
+        return system, starts, initial
+
+    def is_open(self, horizon: int | None) -> bool:
+        """Whether nothing but the records' inputs acts in the rollouts."""
+        return True
+
     def residuals(self, horizon: int | None) -> Residuals:
         """Weighted output errors of all rollouts, followed by the priors."""
         starts, states, outputs, edges = self.windows(horizon)

@@ -210,11 +210,18 @@ class MultipleShootingProblem(FitProblem):
     def weight(self, outputs: Array) -> Array:
         return np.asarray(1.0 / self._noise)
 
+    def is_open(self, horizon: int | None) -> bool:
+        return horizon is not None and horizon <= self._open
+
+    def started(self, point: Array, horizon: int | None) -> tuple[System, Starts, Array]:
+        starts, states, _, _ = self.windows(horizon)
+        return self.with_point(point), starts, self._initial.get(horizon, states)
+
     def _setting(self, horizon: int | None) -> tuple[Starts, Array, Array, Array, dict[str, Any]]:
         """Windows: starts, measured initial states, outputs, inputs, and the settings of their simulation."""
         starts, states, outputs, _ = self.windows(horizon)
         given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}
-        if horizon is not None and horizon <= self._open:
+        if self.is_open(horizon):
             return starts, states, outputs, self.inputs, given
         held, given["feedback"] = self._closed(self.system)
         return starts, states, outputs, held, given
