@@ -190,7 +190,7 @@ def test_a_fit_finds_what_the_data_tell_with_its_error(seed, closed):
 class Stepped(Upright):
     """By Euler's semi-implicit method, whose errors are of first order in the step."""
 
-    stepper = ImplicitFriction()
+    stepper = ImplicitFriction()  # type: ignore[assignment]
 
 
 def halved(record: PreparedRecord) -> PreparedRecord:

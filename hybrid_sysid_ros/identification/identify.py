@@ -39,8 +39,9 @@ BETTER = 0.98
 ALIKE = 0.01
 """Difference of scores by which a record is the same: another rule for the start of a run makes some thousandths."""
 REFINED, FINER = (0.3, 1.0), (5, 4, 6, 3, 2)
-"""Shares of a standard error by which a step may move a parameter at first, and once it is finer; and the parts into
-which a longer step is cut, the first that fit the records' sampling.
+"""Shares of a standard error by which a step may move a parameter at first, and once it is finer in a fit over windows,
+which are short enough for a still finer one; and the parts into which a longer step is cut, the first that fit the
+records' sampling.
 """
 
 
@@ -155,12 +156,12 @@ def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
     """
     if context.unstable is not None:
         return context, fitted
-    for least in REFINED:
+    windows = None if fitted.chi_squared is None else open_windows(context.rig)
+    for least in REFINED[: 1 if windows is None else None]:
         refined = _finer(context) if _moved(fitted) > least else context
         if refined is context and not (fitted.system.contacts and least == REFINED[0]):
             break
         held = [item.name for item in fitted.system.parameters if not item.fixed and item.name not in fitted.names]
-        windows = None if fitted.chi_squared is None else open_windows(context.rig)
         given: dict[str, Any] = {"stages": (None,), "hold": held, "starts": 1, "again": True, "unstable": windows}
         found = refined.fit_physics([fitted.system], **given)
         seconds, evaluations = fitted.seconds + found.seconds, fitted.evaluations + found.evaluations

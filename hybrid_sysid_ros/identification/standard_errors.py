@@ -16,6 +16,10 @@ LONGEST_LAG = 200
 """Largest lag at which errors of a free run count as correlated, in rows, which are the samples of all outputs: 10 s at
 the usual 50 ms for one output.
 """
+SLOW_BLOCKS, FEWEST, SEEN = 32, 8, 2.0
+"""Blocks of all records, and the fewest of one, between which errors show how slowly they change; and from how many of
+its standard errors a correlation of neighbours counts.
+"""
 LEVEL = 0.9
 """Of the intervals for which the standard errors of short records are widened."""
 KNOWN = 1e-9
@@ -50,7 +54,7 @@ def covariances(
     are never white, Ljung (1999), System Identification, 2nd ed., section 9.2. L_i: a quarter of the record, at
     most LONGEST_LAG. f widens it for short records: the sum has about 1.5 sum_i N_i / L_i degrees of freedom, so that a
     normal interval is too short (Kiefer & Vogelsang 2005, Econometric Theory 21(6)), and the scores' sum is zero by the
-    fit.
+    fit. Where errors are slower than the lags see, it is as large as :func:`slow_variances`.
     shifts (k, rows): errors of the rows that are known up to their sign, such as that of the integration step; each
     adds the square of what it moves.
 
@@ -59,10 +63,12 @@ def covariances(
     information = jacobian.T @ jacobian
     inverse, unknown = _inverse(information)
     rows = jacobian[edges[-1] :]
-    middle = rows.T @ (rows if priors is None else priors @ rows)
     lags = _lags(edges)
-    middle = middle + widening(edges, lags) * long_run(jacobian, residuals, edges, lags)
-    robust = inverse @ middle @ inverse
+    robust = widening(edges, lags) * inverse @ long_run(jacobian, residuals, edges, lags) @ inverse
+    slow = slow_variances((jacobian[: edges[-1]] * residuals[: edges[-1], None]) @ inverse, edges)
+    stretch = np.sqrt(np.maximum(slow / np.maximum(np.diag(robust), np.finfo(float).tiny), 1.0))
+    robust *= np.outer(stretch, stretch)
+    robust += inverse @ (rows.T @ (rows if priors is None else priors @ rows)) @ inverse
     for shift in () if shifts is None else shifts:
         moved = inverse @ (jacobian.T @ shift)
         robust = robust + np.outer(moved, moved)
@@ -85,6 +91,29 @@ def long_run(jacobian: Array, residuals: Array, edges: NDArray[np.int64], longes
         sums = total[lags + 1 :] - total[: -lags - 1]
         found += sums.T @ sums / (lags + 1)
     return found
+
+
+def slow_variances(influence: Array, edges: NDArray[np.int64]) -> Array:
+    """Variances (n,) of the sums of what the errors of all rows add to a solution, (rows, n), by blocks z.
+
+        z_b = r z_{b-1} + w_b,   Var(sum_b z_b) = sum_b w_b^2 / (1 - r)^2,
+
+    since gusts and drifts that live longer than the lags of a long-run covariance are not in it: Andrews & Monahan
+    (1992), Econometrica 60(4). In n blocks r has a bias of -(1 + 3 r) / n (Kendall 1954, Biometrika 41); it is below 1.
+    """
+    rows, records = int(edges[-1]), len(edges) - 1
+    length = max(rows // max(SLOW_BLOCKS, FEWEST * records), 1)
+    cuts = [np.linspace(a, b, max((b - a) // length, 1) + 1).astype(int)[:-1] for a, b in pairwise(edges.tolist())]
+    blocks = np.split(
+        np.add.reduceat(influence, np.concatenate(cuts), axis=0), np.cumsum([len(cut) for cut in cuts])[:-1]
+    )
+    before, after = (np.concatenate([record[part] for record in blocks]) for part in (slice(-1), slice(1, None)))
+    total, squares = sum(map(len, cuts)), np.maximum(np.sum(before**2, axis=0), np.finfo(float).tiny)
+    found = np.sum(before * after, axis=0) / squares
+    unbiased = np.minimum(found + (1.0 + 3.0 * found) / total, 1.0 - 1.5 / total)
+    kept = np.where(found > SEEN / np.sqrt(total), unbiased, 0.0)
+    left = np.sum((after - kept * before) ** 2, axis=0) * total / max(len(after), 1)
+    return np.asarray(left / (1.0 - kept) ** 2)
 
 
 def block_spread(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> Array:

@@ -66,7 +66,9 @@ def designed(
     inputs as it can which they have not, whatever it says of parameters. Raises UserError where the model does not
     fit this, see :class:`~.search.Bench`.
     """
-    bench = Bench(model=model, rig=rig, seconds=seconds, period=period, amplitude=amplitude)
+    bench = Bench(
+        model=model, rig=rig, seconds=seconds, period=period, amplitude=amplitude, known=not records
+    )  # fmt: skip
     knowledge, wanted = Knowledge.of(model), targets_of(model, parameters)
     fisher = Fisher.of(model, rig, knowledge.sizes)
 
@@ -75,7 +77,7 @@ def designed(
     def criterion(system: System, inputs: Array) -> float:
         if cells is not None:
             return -float(cells.new(system, inputs))
-        return worst_of(knowledge, fisher.information(system, inputs), wanted)
+        return worst_of(knowledge, fisher.shown(system, inputs), wanted)
 
     plan = exchanged(bench, criterion, seed=seed, progress=progress)
     driving = bench.driving(plan)
@@ -87,13 +89,15 @@ def designed(
     )  # fmt: skip
 
 
-def worst_of(knowledge: Knowledge, more: Array, wanted: Sequence[int]) -> float:
-    """The criterion: the logarithm of the largest relative variance of the wanted numbers after more information."""
-    return float(np.log(np.max(np.square((knowledge.deviations(more) / knowledge.sizes)[list(wanted)]))))
+def worst_of(knowledge: Knowledge, shown: tuple[Array, Array], wanted: Sequence[int]) -> float:
+    """The criterion: the logarithm of the largest relative variance of the wanted numbers after what an experiment has
+    shown, with what the integration step moves in a fit: at its worst where a law bends most.
+    """
+    return float(np.log(np.max(np.square((knowledge.deviations(*shown) / knowledge.sizes)[list(wanted)]))))
 
 
 def expected(bench: Bench, fisher: Fisher, knowledge: Knowledge, driving: Array) -> Array:
     """Deviations after an experiment, (free,): the root of the mean variance over the points."""
     runs = [(system, bench.run(system, driving)[0]) for system in bench.systems[: bench.points]]
-    found = [knowledge.deviations(fisher.information(system, inputs)) for system, inputs in runs]
+    found = [knowledge.deviations(*fisher.shown(system, inputs)) for system, inputs in runs]
     return np.asarray(np.sqrt(np.mean(np.square(found), axis=0)))

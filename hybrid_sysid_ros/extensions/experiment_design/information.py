@@ -56,10 +56,13 @@ class Knowledge:
         information[block] += np.linalg.pinv(covariance[block], rcond=1e-12, hermitian=True)
         return cls(names=model.names, sizes=sizes, information=information)
 
-    def deviations(self, more: Array | None = None) -> Array:
-        """Standard deviations of the numbers in their units, also after further information, (free,)."""
-        total = self.information if more is None else self.information + more
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv(total))) * self.sizes)
+    def deviations(self, more: Array | None = None, pull: Array | None = None) -> Array:
+        """Standard deviations of the numbers in their units, also after further information, (free,). pull: by which
+        a known error moves them, see :meth:`Fisher.shown`.
+        """
+        covariance = np.linalg.inv(self.information if more is None else self.information + more)
+        moved = np.zeros(len(covariance)) if pull is None else covariance @ pull
+        return np.asarray(np.sqrt(np.diag(covariance) + moved**2) * self.sizes)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,6 +111,10 @@ class Fisher:
         """M of a run from rest, or from a first state (states,), in numbers that are counted in their sizes, (free,
         free). inputs (steps, inputs).
         """
+        return self.shown(system, inputs, first)[0]
+
+    def shown(self, system: System, inputs: Array, first: Array | None = None) -> tuple[Array, Array]:
+        """M, and a pull g (free,): errors d of the integration step move a fit by M^-1 g, g = sum_k S_k' R^-1 d_k."""
         tangents = self.tangents(system, inputs, first)
         states = 0 if self.begins is None else len(self.begins)
         chosen = [
@@ -118,12 +125,32 @@ class Fisher:
         scaled = tangents[:, :, chosen] * np.sqrt(self.weight)[:, None] * sizes
         rows = scaled.reshape(-1, scaled.shape[2])
         whole = np.asarray(rows.T @ rows)
+        pull = rows.T @ (self._step_error(system, inputs, first) * np.sqrt(self.weight)).ravel()
         count = whole.shape[0] - states
         if not states:
-            return whole
-        prior = np.concatenate([np.full(count, LEAST_KNOWN**-2), np.ones(states)])
-        covariance = np.linalg.inv(whole + np.diag(prior))
-        return np.asarray(np.linalg.inv(covariance[:count, :count]))
+            return whole, pull
+        begins = whole[:count, count:] @ np.linalg.inv(whole[count:, count:] + np.eye(states))
+        return (
+            whole[:count, :count] + np.eye(count) / LEAST_KNOWN**2 - begins @ whole[count:, :count],
+            pull[:count] - begins @ pull[count:],
+        )
+
+    def _step_error(self, system: System, inputs: Array, first: Array | None) -> Array:
+        """Errors of the outputs by the integration step, by half of it, (samples, outputs), as a fit knows them."""
+        samples, sampling = len(inputs) // self.sampling.every + 1, self.sampling
+        starts, rest = run_of(system, samples)
+        begin = rest if first is None else np.ascontiguousarray(first[None])
+        if system.sampling_time is not None or system.stepper.is_map:
+            return np.zeros((samples, len(system.outputs)))
+        with np.errstate(all="ignore"):
+            coarse, fine = (
+                rollouts(
+                    system, starts, begin, np.repeat(inputs, parts, axis=0),
+                    step=sampling.step / parts, every=parts * sampling.every,
+                )[1]
+                for parts in (1, 2)
+            )  # fmt: skip
+            return np.asarray(np.nan_to_num(2.0 * (fine - coarse), posinf=0.0, neginf=0.0))
 
     def tangents(self, system: System, inputs: Array, first: Array | None = None) -> Array:
         """Derivatives of the outputs by the numbers, (samples, outputs, free); 0 where a run diverges."""

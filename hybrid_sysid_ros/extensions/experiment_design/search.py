@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -36,6 +37,10 @@ FEWEST_SAMPLES = 20
 """Scored samples of an experiment."""
 ASTRAY = 1e6
 """In the largest output of training: beyond, a system does not run."""
+BEYOND = 0.15
+"""Share of the trained range of an output by which an experiment may leave it: further out a law is a guess, and a fit
+to what happens there finds other minima.
+"""
 SHARE = 0.1
 """Of the rate of samples, those that drive or those that a fit sees, up to which frequencies are tried."""
 DesignCriterion = Callable[[System, Array], float]
@@ -53,6 +58,8 @@ class Bench:
     """From one sample of the drive to the next [s]."""
     amplitude: float
     """Share of the actuators' range, and of the reach of a loop's output, that is used."""
+    known: bool = False
+    """Whether outputs stay near what the model was trained on, see BEYOND."""
     systems: Sequence[System] = field(init=False)
     """The model, and what it could be as well."""
     _samples: WeakKeyDictionary[PlanSegment, Array] = field(init=False, default_factory=WeakKeyDictionary)
@@ -172,9 +179,22 @@ class Bench:
         return np.nan_to_num(found), outputs
 
     def within(self, outputs: Array) -> bool:
-        """Whether outputs stay within the rig's travel and what its equations are valid for."""
-        low, high = self.rig.reach
+        """Whether outputs stay within the rig's travel and what its equations are valid for, and near what is known."""
+        low, high = self._ends
         return bool(np.isfinite(outputs).all() and (outputs >= low).all() and (outputs <= high).all())
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array]:
+        """Lowest and highest value of each output, (outputs,). What is known has also been seen at rest."""
+        low, high = self.rig.reach
+        if not self.known:
+            return low, high
+        trained = [self.model.training_range.get(item.name, (-np.inf, np.inf)) for item in self.rig.system.outputs]
+        rests = [self.run(system, np.tile(self.spans[0], (self.steps, 1)))[1] for system in self.systems]
+        seen = np.concatenate([np.array(trained).T, *rests])
+        least, most = np.min(seen, axis=0), np.max(seen, axis=0)
+        more = BEYOND * (most - least)
+        return np.maximum(low, least - more), np.minimum(high, most + more)
 
     def feasible(self, driving: Array, systems: Sequence[System] | None = None) -> float:
         """Share of the systems that stay within limits."""

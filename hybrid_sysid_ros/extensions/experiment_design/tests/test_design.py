@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, rollouts, simulate
+from hybrid_sysid_ros.core import ImplicitFriction, RungeKutta, Sensitivities, System, bounded, rollouts, simulate
 from hybrid_sysid_ros.extensions.experiment_design import search
 from hybrid_sysid_ros.extensions.experiment_design.design import designed, expected
 from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
 from hybrid_sysid_ros.extensions.experiment_design.looped import looped
 from hybrid_sysid_ros.extensions.experiment_design.plan_folder import SIGNALS, save_plan
-from hybrid_sysid_ros.extensions.experiment_design.search import Bench
+from hybrid_sysid_ros.extensions.experiment_design.search import BEYOND, Bench
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.drivers import ExperimentLoop, Experiments
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
@@ -82,6 +82,33 @@ def test_a_beginning_that_is_not_known_takes_what_it_could_explain() -> None:
     noise = NOISE**2 * np.eye(len(slopes)) + begin**2 * np.outer(e, e)
     found = with_start.information(ValveLag(), inputs)
     np.testing.assert_allclose(found, slopes.T @ np.linalg.solve(noise, slopes), rtol=1e-5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteppedLag(ValveLag):
+    """By Euler's method."""
+
+    stepper = ImplicitFriction()  # type: ignore[assignment]
+
+
+def test_what_a_step_moves_in_a_fit_is_known_beforehand() -> None:
+    """Euler's 1 - h / T' is exp(-h / T) at T' = T + h / 2; the gain is that of the rest."""
+    euler = replace(fisher(), sensitivities=Sensitivities(SteppedLag(), states=[]))
+    information, pull = euler.shown(SteppedLag(), np.sin(np.arange(1000) * STEP)[:, None])
+    gain, lag = np.linalg.solve(information, pull)
+    assert lag == pytest.approx(0.5 * STEP, rel=0.05)
+    assert abs(gain) < 0.1 * STEP
+    known = Knowledge(names=("gain", "lag"), sizes=np.ones(2), information=1e-6 * np.eye(2))
+    assert known.deviations(information, pull)[1] == pytest.approx(np.hypot(known.deviations(information)[1], lag))
+
+
+@pytest.mark.usefixtures("short")
+def test_an_experiment_stays_near_what_was_trained_but_where_it_is_for_new_cells() -> None:
+    narrow = replace(model(), training_range={"valve": (-1.0, 1.0), "level": (-0.4, 0.4)})
+    found = designed(narrow, rig(), seconds=8.0, period=STEP)
+    assert 0.4 < np.abs(found.outputs).max() <= 0.4 + BEYOND * 0.8
+    free = Bench(model=narrow, rig=rig(), seconds=8.0, period=STEP, amplitude=0.9)
+    assert free.within(np.full((3, 1), 1.5))
 
 
 def test_a_lag_is_determined_best_by_a_sine_at_its_corner() -> None:
