@@ -31,6 +31,10 @@ ORDER, OWN, CERTAIN, ENOUGH, JUMP = 12, 60, 1e-4, 20_000, 5.0
 applied, and how many times as far as usual an input moves in a jump. An input's own past is longer, since the output
 remembers it, too.
 """
+ANSWERED = 0.05
+"""Least share of an input's news that answers an output: less is what an output's memory adds to a smooth input's own
+past, whose sensor is noisy.
+"""
 MOST_NEAR = 0.8
 """Share of the samples near jumps from which these have a say all the same."""
 
@@ -142,7 +146,8 @@ def leads(output: Array, given: Array) -> bool:
         float(np.sum((levels[chosen] - table @ lstsq(table, levels[chosen])[0]) ** 2)) for table in (past, wider)
     ]
     least = 1e-18 * len(u)  # an input that its own past foretells to the last digit
-    return squares[1] > least and (squares[0] / squares[1] - 1.0) * free / ORDER > f.isf(CERTAIN, ORDER, free)
+    answered = squares[0] / squares[1] - 1.0 if squares[1] > least else 0.0
+    return answered > ANSWERED and answered * free / ORDER > f.isf(CERTAIN, ORDER, free)
 
 
 def _past(values: Array, length: int) -> Array:

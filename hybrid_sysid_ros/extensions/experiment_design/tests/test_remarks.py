@@ -48,11 +48,13 @@ def test_an_output_leads_an_input_only_under_feedback(gain: float, hold: int) ->
 
 
 def test_an_output_that_remembers_an_input_does_not_lead_it() -> None:
-    """In an open loop: a band-limited input, of which 12 samples do not say all, and levels with a sensor's noise."""
+    """In an open loop: a band-limited input, of which 12 samples do not say all, levels, and a sweep with noise."""
     random = np.random.default_rng(3)
     smooth = sosfiltfilt(butter(2, [0.002, 0.1], "bandpass", output="sos"), random.normal(size=20000))
     steps = np.repeat(random.uniform(-1.0, 1.0, 150), random.integers(20, 180, 150))
-    for drive, noise in ((smooth / np.std(smooth), 0.0), (steps, 2e-3)):
+    times = np.arange(4000) * STEP
+    sweep = np.sin(2.0 * np.pi * (0.05 + 0.5 * 0.05 * times) * times)
+    for drive, noise, other in ((smooth / np.std(smooth), 0.0, 3e-2), (steps, 2e-3, 3e-2), (sweep, 1e-3, 1e-3)):
         seen = drive + noise * random.normal(size=len(drive))
-        output = lfilter([0.1], [1.0, -0.9], drive) + 3e-2 * random.normal(size=len(drive))
+        output = lfilter([0.1], [1.0, -0.9], drive) + other * random.normal(size=len(drive))
         assert not leads(output, seen)
