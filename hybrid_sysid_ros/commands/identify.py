@@ -21,7 +21,7 @@ from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
 from hybrid_sysid_ros.identification.shooting import fastest_growth
-from hybrid_sysid_ros.identification.validation.identifiability import doubts
+from hybrid_sysid_ros.identification.validation.identifiability import doubts, unexplained
 from hybrid_sysid_ros.identification.validation.run_quality import run_quality
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals
 from hybrid_sysid_ros.library.models import identify
@@ -37,7 +37,6 @@ from hybrid_sysid_ros.support.files import check_file, check_folder
 
 EXTENDED_BY = "comparisons"
 LOST = 10.0  # error of a simulation, in the output's deviation, that says no more than that it runs away
-EXPLAINED = 0.5  # R2 below which a model does not explain its training record
 
 
 def command(
@@ -137,13 +136,9 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
         console.print(f"doubt: {doubt}")
     for group in model.fit.get("groups", ()):
         console.print(f"known together: {ParameterGroup(**group)}")
-    for name, scores in model.scores.items():
-        for output, own in scores.get("outputs", {rig.system.outputs[0].name: scores}).items():
-            if not own["r2"] > EXPLAINED:
-                console.print(
-                    f"doubt: over {name}, which it was fitted to, R2 of its run is {own['r2']:.2f} for {output}"
-                    f"{_reason(model, name, records)}"
-                )
+    for name, output, r2 in unexplained(model):
+        reason = _reason(model, name, records)
+        console.print(f"doubt: over {name}, which it was fitted to, R2 of its run is {r2:.2f} for {output}{reason}")
     title = "training" if rig.experiments.stabiliser is None else "training, closed by the stabiliser"
     if rig.experiments.stabiliser is None and "chi_squared" in model.fit:
         title = "training, by predictions while an error grows by e"

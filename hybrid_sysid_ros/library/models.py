@@ -17,7 +17,7 @@ from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.evaluation import ModelEvaluation, evaluation
-from hybrid_sysid_ros.identification.validation.identifiability import doubts
+from hybrid_sysid_ros.identification.validation.identifiability import doubts, unexplained
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
 from hybrid_sysid_ros.library import arguments
@@ -54,8 +54,12 @@ class Model(models.Model):
 
     @property
     def doubts(self) -> list[str]:
-        """Parameters that the training data did not determine, a sentence each."""
-        return [str(doubt) for doubt in doubts(self)]
+        """Parameters that the training data did not determine, and runs that do not explain it, a sentence each."""
+        poor = [
+            f"over {name}, which it was fitted to, R2 of its run is {r2:.2f} for {output}"
+            for name, output, r2 in unexplained(self)
+        ]
+        return [*map(str, doubts(self)), *poor]
 
     def score(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> Scores:
         """Score the free run over a part of a record: R2, RMSE [SI] and fit in percent of each output. The run begins

@@ -6,7 +6,7 @@ of thirty kinds of faults are named first at them, and how many good records are
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.relation import wanders
 from hybrid_sysid_ros.extensions.record_check.response import response_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
+from hybrid_sysid_ros.extensions.shared.feedback import feedbacks_of
 from hybrid_sysid_ros.identification.shooting import fastest_growth
 from hybrid_sysid_ros.rigs.rig import Rig
 
@@ -49,7 +50,11 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
             responses += () if responses else response_findings(record, rig, signals, expected)
         elif (growth := fastest_growth(rig.system)) > 0.0 and rig.experiments.stabiliser is None:
             found.append(_of_unstable_law(growth))
-        found += map(_of_guess, responses) if is_guessed(rig) else responses
+        if is_guessed(rig):
+            responses = [_of_guess(item) for item in responses]
+            if loops := feedbacks_of(record, rig):  # a feedback's inverse follows the inputs as a swapped channel does
+                responses = [_of_loop(loops), *(item for item in responses if item.kind != "swapped channels")]
+        found += responses
         found = [item for item in (of_held_input(item, record, rig, expected) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
 
@@ -84,6 +89,16 @@ def _of_guess(item: RecordFinding) -> RecordFinding:
     if not item.blocks:
         return item
     return replace(item, cost=0.79, cure=f"{item.cure}; or the law, a guess of rig from, is wrong: correct system.py")
+
+
+def _of_loop(loops: Sequence[str]) -> RecordFinding:
+    """A guess that was fitted to a loop's record may be that of the feedback."""
+    return RecordFinding(
+        kind="closed loop", cost=0.75,
+        words=f"{', '.join(loops)}, and the law is a guess of rig from: it may be the feedback's inverse, with the "
+        "wrong sign",
+        cure="write the physics and the sign of each gain in system.py, or record without the loop",
+    )  # fmt: skip
 
 
 def signals_of(record: Record, rig: Rig) -> list[CheckedSignal]:

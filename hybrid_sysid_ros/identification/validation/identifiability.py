@@ -11,6 +11,8 @@ from hybrid_sysid_ros.core import Parameter
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array
 
+EXPLAINED = 0.5
+"""R2 of a run over a record of the fit below which it is doubted."""
 HIGHLY_CORRELATED, KNOWN = 0.95, 0.01
 """Correlation from which two parameters can't be told apart, and the standard error, in a parameter's value, up to
 which it is known beside all others.
@@ -89,6 +91,17 @@ def doubts(model: Model) -> list[Doubt]:
         )
         found += [doubt] if doubt.reasons else []
     return found
+
+
+def unexplained(model: Model) -> list[tuple[str, str, float]]:
+    """Name, output and R2 of the runs over records of the fit that do not explain half of the output's variance."""
+    alone = model.system.outputs[0].name
+    return [
+        (name, output, float(own["r2"]))
+        for name, scores in model.scores.items()
+        for output, own in scores.get("outputs", {alone: scores}).items()
+        if not own["r2"] > EXPLAINED
+    ]
 
 
 def correlated(

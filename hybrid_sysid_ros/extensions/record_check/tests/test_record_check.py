@@ -97,6 +97,29 @@ def test_a_fault_in_a_part_of_the_record_is_named_with_its_place(part, words):
     assert f"sample {part.start} " in found["jump"].words
 
 
+def test_a_guess_from_a_loop_s_record_may_be_the_feedback_s_inverse(call, tmp_path, monkeypatch):
+    """A levitated magnet, x'' = a^2 x - b u, held by u = K x + D x' + a reference and a sensor's noise."""
+    monkeypatch.chdir(tmp_path)
+    random, step, x, v, rows = np.random.default_rng(0), 0.002, 0.0, 0.0, []
+    wanted = lfilter([0.02], [1.0, -0.98], random.normal(size=4000))
+    before = 0.0
+    for k in range(4000):
+        y = x + 1e-5 * random.normal()
+        u = 60.0 * (y - 1e-3 * wanted[k]) + 1.0 * (y - before) / step
+        before = y
+        rows.append(f"{step * k:.3f},{u:.7f},{y:.9f}")
+        v += step * (1600.0 * x - 60.0 * u)
+        x += step * v
+    (tmp_path / "held.csv").write_text("\n".join(["time [s],current [A],gap [m]", *rows]))
+    program = partial(call, app.main, "hybrid-sysid")
+    assert program("rig", "from", "held.csv", "./held", "--input", "current", "--output", "gap")[0] == 0
+    assert program("import", "held.csv", "--rig", "./held")[0] == 0
+    rig = hs.load_rig("./held")
+    kinds = [item.kind for item in findings_of(hs.read_bag("bags/held", rig), rig)]
+    assert "closed loop" in kinds
+    assert "swapped channels" not in kinds
+
+
 @pytest.mark.parametrize("period", [3600.0, 1e-4])
 def test_faults_are_named_at_any_time_scale(call, tmp_path, monkeypatch, period):
     monkeypatch.chdir(tmp_path)
