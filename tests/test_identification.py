@@ -1,6 +1,7 @@
 """Identification: known parameters come back."""
 
 import dataclasses
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.core import simulate
+from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import _kept, _rivals, fit
 from hybrid_sysid_ros.identification.part import check_apart
@@ -17,6 +18,7 @@ from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
 from hybrid_sysid_ros.identification.problem import FitProblem as IdentificationProblem
 from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
+from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps
@@ -70,6 +72,33 @@ def test_linear_data_without_noise_give_the_linear_parameters_exactly(linear_ben
     fitted = fit(system, [prepare(record_of(u, y, 0.005), system, Sampling())])
     np.testing.assert_allclose(fitted.system.values, ENTRIES, rtol=2e-3)
     assert fitted.relative_error < 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class LateLag(System):
+    """y' = (K u(t - d) - y) / T."""
+
+    states = ("level [m]",)
+    inputs = ("valve [1]",)
+    delays = {"valve": "dead"}  # type: ignore[assignment]
+
+    gain: float = bounded(1.5, 0.1, 10.0, unit="m")
+    lag: float = bounded(0.8, 0.05, 5.0, unit="s")
+    dead: float = bounded(0.34, 0.0, 1.0, start=0.0, unit="s")
+
+    def law(self, x, u):
+        return [(self.gain * u[0] - x[0]) / self.lag]
+
+
+def test_a_fit_begins_where_the_record_has_all_inputs_of_the_delay_that_it_finds():
+    """Nothing acted before the record, and the input is there at once; the search begins without a delay."""
+    step, before = 0.02, 20
+    u = held_levels(4, 1500, hold=60, low=0.5, high=2.0)
+    states = simulate(LateLag(), np.zeros(1), np.concatenate([np.zeros((before, 1)), u]), step=step)[before:]
+    sampling, outputs = Sampling(step=step, period=5 * step), states[::5]
+    record = PreparedRecord(name="late", sampling=sampling, inputs=u, outputs=outputs, states=outputs.copy())
+    found = fit(replace(LateLag(), dead=0.0), [record], starts=3).system
+    np.testing.assert_allclose(found.values, LateLag().values, rtol=1e-3)
 
 
 def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):

@@ -150,6 +150,10 @@ def fit(
         if again and system.contacts and unstable is None:
             limits = tolerance or FINE, iterations
             solution, spread = _searched_again(problem, stages[-1], solution, limits, pool.map)
+    found = problem.with_point(solution.x)
+    if unstable is None and problem.lead_of(found) > problem.lead:  # what acted before the records bent this fit
+        options = {"anchor": anchor, "ridge": ridge, "hold": hold, "tolerance": tolerance, "iterations": iterations}
+        return fit(found, experiments, stages=stages[-1:], again=again, progress=progress, **options)
     relative = problem.relative_error(solution.fun)
     if not np.isfinite(relative) or relative > 1e3:
         raise UserError("identification: every simulation diverges; start from a simpler structure or a smaller step")

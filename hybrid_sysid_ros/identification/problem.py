@@ -87,8 +87,7 @@ class FitProblem:
         rule of starts is about the first sample.
         """
         if self.sampling.initial == "estimated" and not self.hidden:
-            most = min(item.samples for item in experiments) // 2
-            self.lead = min(math.ceil(np.max(system.input_delays, initial=0.0) / self.sampling.period), most)
+            self.lead = self.lead_of(system)
             self._first = [item.states[self.lead].copy() for item in experiments]
         units = self._units()
         self.nuisance_units = np.array([self._sizes.get(i, float(units[i])) for i in self.moved_states])
@@ -98,6 +97,13 @@ class FitProblem:
         self.evaluations = 0
         self.confidence = 1.0
         """Factor of the errors' weight where they turn out to be smaller than expected."""
+
+    def lead_of(self, system: System) -> int:
+        """The lead that the delays of a system need."""
+        if self.sampling.initial != "estimated" or self.hidden:
+            return 0
+        most = min(item.samples for item in self.experiments) // 2
+        return min(math.ceil(np.max(system.input_delays, initial=0.0) / self.sampling.period), most)
 
     @property
     def start(self) -> Array:
