@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from hybrid_sysid_ros.bags import read
 from hybrid_sysid_ros.commands import identify as identify_command
 from hybrid_sysid_ros.models import load, storage
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.parameters import shipped
 from hybrid_sysid_ros.runtime.run import Run, RunResult
 from hybrid_sysid_ros.support import extensions
@@ -267,6 +269,25 @@ def test_a_policy_of_another_model_is_refused(linear_model):
     assert policy.load(configuration.shipped("cam_beam", "policy")).model == storage.digest(
         configuration.shipped("cam_beam", "model"), kind="model"
     )
+
+
+def test_signals_are_played_at_the_next_rate_that_a_slow_rig_has(command, tmp_path):
+    folder, signals = tmp_path / "slow", tmp_path / "signals.csv"
+    folder.mkdir()
+    (folder / "system.py").write_text(
+        "from dataclasses import dataclass\n\nfrom hybrid_sysid_ros.core import System, bounded\n\n\n"
+        "@dataclass(frozen=True, kw_only=True)\nclass Slow(System):\n"
+        '    states = ("level [m]",)\n    inputs = ("valve [1]",)\n    lag: float = bounded(2.0, 0.1, 9.0, unit="s")\n'
+        "    def law(self, x, u):\n        return [(u[0] - x[0]) / self.lag]\n"
+    )
+    (folder / "rig.yaml").write_text(
+        "step: 0.1\nsensors: {level: {white_noise: 0.01}}\nactuators: {valve: {low: -1.0, high: 1.0}}\n"
+    )
+    signals.write_text("time [s],valve [1]\n" + "".join(f"{0.1 * k:.1f},{k % 7 / 7:.3f}\n" for k in range(101)))
+    status, shown, error = command("simulate", signals, tmp_path / "bag", "--rig", folder)
+    assert (status, error) == (0, ""), shown
+    record = read(tmp_path / "bag", load_rig(folder).signals)
+    assert record.sampling_time == pytest.approx(0.1)
 
 
 def test_an_unknown_experiment_gets_one_line(command, tmp_path):

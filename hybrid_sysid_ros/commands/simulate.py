@@ -12,6 +12,9 @@ from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.rigs.experiments import duration_of, simulate_experiment
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 
+RATE = 200.0
+"""Samples per second of a rig whose step they fit [Hz]."""
+
 
 def command(
     kind: Annotated[
@@ -24,14 +27,17 @@ def command(
         float | None,
         typer.Option(help="Length of the experiment [s]; 40, or that of a file of signals.", min=1.0, max=3600.0),
     ] = None,
-    rate: Annotated[float, typer.Option(help="Samples per second.", min=1.0)] = 200.0,
+    rate: Annotated[
+        float | None, typer.Option(help="Samples per second; 200, or what is next to it by the rig's step.", min=1e-6)
+    ] = None,
     undisturbed: Annotated[bool, typer.Option("--undisturbed", help="Leave out the rig's disturbances.")] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Simulate an experiment on a rig, driven as the real one is, and write its bag."""
     chosen = load_rig(rig)
     seconds = duration_of(chosen, kind) if duration is None else duration
-    options: dict[str, Any] = {"seed": seed, "duration": seconds, "rate": rate}
+    whole = 1.0 / (max(1, round(1.0 / (RATE * chosen.step))) * chosen.step)
+    options: dict[str, Any] = {"seed": seed, "duration": seconds, "rate": whole if rate is None else rate}
     console.print(
         str(simulate_experiment(chosen, kind, out, **options, overwrite=overwrite, disturbed=not undisturbed))
     )

@@ -26,6 +26,8 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 from hybrid_sysid_ros.support.progress import progress_bars
 
+LEARNED = 0.9
+"""Share of a deviation below which an experiment has taught something."""
 FAR = 3.0
 """Deviations beyond which a parameter of the record is another one than the model's."""
 
@@ -101,6 +103,9 @@ def _show(found: Design, wanted: Sequence[str]) -> None:
         if name in units and (not wanted or name in wanted):
             table.add_row(name, f"{now:.2g}", f"{then:.2g}", units[name])
     print_table(table)
+    asked = [name in units and (not wanted or name in wanted) for name in found.names]
+    if found.visits is None and not np.any((found.after < LEARNED * found.before)[asked]):
+        console.print("this experiment hardly teaches anything that the model does not know: ask for a longer one")
     if found.visits is not None:
         visited, new, total = found.visits
         console.print(f"cells of states and inputs: the bags have visited {visited} of {total}, this adds {new}")
