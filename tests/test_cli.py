@@ -48,6 +48,14 @@ def test_a_closed_loop_is_scored_beside_the_free_run(command, linear_model):
     assert f"{scores['closed_loop']['r2']:.4f}" in out
 
 
+def test_a_score_over_training_samples_is_doubted(command, linear_model):
+    part = "0:0.2"  # of what it was trained on
+    status, out, _ = command("evaluate", linear_model, MULTISINE, "--part", part)
+    assert status == 0
+    assert "beam_multisine trained this model" in out
+    assert "trained this model" not in command("evaluate", linear_model, BAGS / "beam_random_steps")[1]
+
+
 def test_evaluate_prints_the_free_run_without_and_with_the_bias_of_its_beginning(command, linear_model, tmp_path):
     bag, page = BAGS / "beam_random_steps", tmp_path / "page.html"
     status, out, error = command("evaluate", linear_model, bag, "--adapt", 5, "--json", "--report", page)

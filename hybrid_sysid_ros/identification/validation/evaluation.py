@@ -36,6 +36,8 @@ class ModelEvaluation:
 
     name: str
     """Of the record."""
+    seen: bool
+    """Whether the model was trained on samples of this part."""
     scores: Mapping[str, Any]
     """Of the strict free run: r2, rmse [SI] and fit_percent, of several outputs by their names under ``outputs``; empty
     where a free run has no meaning.
@@ -61,6 +63,8 @@ class ModelEvaluation:
     def doubts(self) -> list[str]:
         """What speaks against the use of the model, or against its free run, before its scores are looked at."""
         said = [use["sentence"] for use in self.uses.values()]
+        if self.seen:
+            said.insert(0, f"doubt: {self.name} trained this model, so its scores say little of unseen records")
         return [*said, *(f"doubt: {sentence}" for sentence in (self.quality.sentence, self.unstable) if sentence)]
 
     @property
@@ -75,6 +79,7 @@ class ModelEvaluation:
         return {
             **self.scores,
             **self.uses,
+            **({"trained_on": True} if self.seen else {}),
             **({"ahead": [item.content for item in self.ahead]} if self.ahead else {}),
             **({"bands": self.bands} if self.bands else {}),
             **({"doubt": vars(self.quality)} if self.quality.kind else {}),
@@ -106,7 +111,8 @@ def evaluation(model: Model, record: Record, rig: Rig, *, part: Part = Part()) -
     else:
         found = _of_free_run(model, experiment, rig, free_run(model.system, experiment))
     loop, no_loop = _loop(model, record, part, rig)
-    return ModelEvaluation(name=record.name, loop=loop, no_loop=no_loop, **found)
+    seen = bool(model.was_trained_on(record.digest, part.start, part.stop))
+    return ModelEvaluation(name=record.name, seen=seen, loop=loop, no_loop=no_loop, **found)
 
 
 def _without_free_run(model: Model, experiment: PreparedRecord, rig: Rig, why: UnstableError) -> dict[str, Any]:
