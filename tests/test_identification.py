@@ -13,12 +13,13 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import _kept, _rivals, fit
+from hybrid_sysid_ros.identification.identify import _refined
 from hybrid_sysid_ros.identification.part import check_apart
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
 from hybrid_sysid_ros.identification.problem import FitProblem as IdentificationProblem
 from hybrid_sysid_ros.identification.starts import RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
-from hybrid_sysid_ros.models.fit import PreparedRecord
+from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps
@@ -26,6 +27,7 @@ from hybrid_sysid_ros.rigs.experiments import simulate_experiment
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import bench, held_levels, linear_run, record_of
 from tests.one_joint import Linear
+from tests.small_systems import Slider
 from tests.structures import FURTHER
 
 FAST = Sampling(step=0.001, period=0.045)
@@ -99,6 +101,18 @@ def test_a_fit_begins_where_the_record_has_all_inputs_of_the_delay_that_it_finds
     record = PreparedRecord(name="late", sampling=sampling, inputs=u, outputs=outputs, states=outputs.copy())
     found = fit(replace(LateLag(), dead=0.0), [record], starts=3).system
     np.testing.assert_allclose(found.values, LateLag().values, rtol=1e-3)
+
+
+def test_a_refinement_never_takes_the_place_of_a_much_better_fit():
+    """Of a block that sticks, whose search begins again at the same step and ends elsewhere."""
+    found = Fit(system=Slider(), relative_error=0.1, seconds=1.0, evaluations=1)
+
+    def kept(error):
+        again = replace(found, relative_error=error)
+        context = SimpleNamespace(unstable=None, rig=None, fit_physics=lambda systems, **given: again)
+        return _refined(context, found)[1].relative_error  # type: ignore[arg-type]
+
+    assert [kept(error) for error in (0.09, 0.84)] == [0.09, 0.1]
 
 
 def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
