@@ -30,6 +30,8 @@ MISSING = 0.005
 """Share of missing samples that is worth a word."""
 SILENT = 0.9
 """Cost of a finding beside which the rig's physics say nothing: where nothing moves, friction makes any answer."""
+INVERSE = ("swapped channels", "another law")
+"""What the inverse of a feedback looks like, where a guess of the law was fitted to that."""
 STILL = 0.5
 """Cost of an input that does not move while another one does: the record tells nothing of that one alone."""
 
@@ -52,8 +54,8 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
             found.append(_of_unstable_law(growth))
         if is_guessed(rig):
             responses = [_of_guess(item) for item in responses]
-            if loops := feedbacks_of(record, rig):  # a feedback's inverse follows the inputs as a swapped channel does
-                responses = [_of_loop(loops), *(item for item in responses if item.kind != "swapped channels")]
+            if any(item.kind in INVERSE for item in responses) and (loops := feedbacks_of(record, rig)):
+                responses = [_of_loop(loops), *(item for item in responses if item.kind not in INVERSE)]
         found += responses
         found = [item for item in (of_held_input(item, record, rig, expected) for item in found) if item]
     return sorted(found, key=lambda item: -item.cost)
@@ -92,7 +94,7 @@ def _of_guess(item: RecordFinding) -> RecordFinding:
 
 
 def _of_loop(loops: Sequence[str]) -> RecordFinding:
-    """A guess that was fitted to a loop's record may be that of the feedback."""
+    """A guess that was fitted to a loop's record may be the inverse of the feedback."""
     return RecordFinding(
         kind="closed loop", cost=0.75,
         words=f"{', '.join(loops)}, and the law is a guess of rig from: it may be the feedback's inverse, with the "
