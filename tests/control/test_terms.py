@@ -65,6 +65,28 @@ def test_hard_bounds_and_limits_of_rates_hold_together(rates):
     assert np.all(np.abs(np.diff(plan.inputs, axis=0, prepend=previous[None])) <= np.array(rates) + 1e-12)
 
 
+@pytest.mark.parametrize("planned", [True, False])
+def test_a_hard_bound_that_drops_is_reached_as_fast_as_the_limits_of_rates_allow(planned):
+    """Until then there is no solution."""
+    circle = {"value": "first_torque**2 + second_torque**2 - limit", "high": 0.0, "hard": True}
+    problem = declared(terms={"circle": circle}, stage_parameters={"limit": 1.5}, rate_limits=(0.1,))
+    mpc, (state, disturbance, *_), u = ExactMpc(ARMS, problem), instance(0), np.array([0.8, 0.8])
+    preview, found = np.tile([0.9, 0.9], (PROBLEM.horizon, 1)), []
+    if planned:
+        u = mpc.control(state, disturbance, u, preview).input
+    mpc.assign(limit=0.5)
+    for _ in range(5):
+        plan = mpc.control(state, disturbance, u, preview)
+        assert np.all(np.abs(np.diff(plan.inputs, axis=0, prepend=u[None])) <= 0.1 + 1e-12)
+        u = plan.input
+        found.append((plan.status, float(np.sum(u**2))))
+        mpc.prepare(PROBLEM.period)
+    assert found[0][0] is Status.FAILED
+    within = [status for status, size in found if size <= 0.5 + 1e-9]
+    assert len(within) >= 2
+    assert set(within) == {Status.SOLVED}
+
+
 def test_an_output_that_is_tracked_by_a_term_is_tracked_as_by_its_weight():
     asked = instance(2)
     asked[3][:] = (0.3, 0.0)

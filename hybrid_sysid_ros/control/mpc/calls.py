@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
-from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, keep_hard
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program, clear_working_set, factorise
 from hybrid_sysid_ros.control.mpc.sequential import ASSURED
 from hybrid_sysid_ros.control.mpc.shooting import (
@@ -88,11 +88,20 @@ def solve_within(mpc: MpcMemory, instance: Instance, iterations: int, anew: bool
 
 @inner
 def plan_rest(mpc: MpcMemory, instance: Instance) -> None:
-    """Plan what is left of the last plan, or the previous inputs."""
+    """Plan what is left of the last plan, or the previous inputs, and from there to the hard bounds of terms, as fast
+    as the limits of rates allow: a bound may have dropped too fast for a solution.
+    """
+    horizon, known = mpc.horizon, True
     if mpc.call[0].cold != 0:
-        hold(mpc.horizon, instance)
+        hold(horizon, instance)
     else:
-        plan_within(mpc.horizon, instance)
+        plan_within(horizon, instance)
+    for j in range(instance.previous.shape[0]):
+        known = known and math.isfinite(instance.previous[j])
+    if known and horizon.limits.hard.any():
+        keep_hard(mpc.prediction, horizon, instance.previous, horizon.planned)
+        if mpc.call[0].cold == 0:
+            assign_rows(horizon.planned, horizon.inputs)
 
 
 @inner

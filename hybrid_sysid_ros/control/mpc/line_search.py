@@ -34,7 +34,7 @@ derivatives by the inputs are nearly zero.
 def look_along(prediction: PredictionModel, horizon: Horizon, instance: Instance, derivatives: bool) -> None:
     """Find states and outputs for the inputs, with their derivatives or, at a third of the effort, without."""
     if horizon.limits.hard.any():
-        keep_hard(prediction, horizon, instance.previous)
+        keep_hard(prediction, horizon, instance.previous, horizon.inputs)
     if derivatives:
         linearise(prediction, horizon, prediction.smoothing, True)
     else:

@@ -173,28 +173,29 @@ RESTORATIONS, VIOLATION = 8, 1e-13
 
 
 @inner
-def keep_hard(prediction: PredictionModel, horizon: Horizon, previous: Array) -> None:
-    """Move the inputs of each interval to where the hard bounds on terms hold, by Newton's method along each gradient
-    of the inputs that are free to move: their bounds and limits of rates, after ``previous`` (m,), hold as well.
+def keep_hard(prediction: PredictionModel, horizon: Horizon, previous: Array, inputs: Array) -> None:
+    """Move inputs (N, m) of each interval to where the hard bounds on terms hold, by Newton's method along each
+    gradient of the inputs that are free to move: their bounds and limits of rates, after ``previous`` (m,), hold, too.
 
     Such terms depend on inputs alone. So every iterate keeps them, and a step needs no price of their violation.
     """
     limits, weights, linear, slopes = horizon.limits, horizon.weights, horizon.linear, horizon.work.slopes
     n, m = linear.B.shape[1:]
-    count, first = horizon.inputs.shape[0], 0
+    count, first, drive = inputs.shape[0], 0, horizon.work.drive
     low, high = np.empty(m), np.empty(m)
     for i in range(count):
-        u = horizon.inputs[i]
+        u = inputs[i]
         if i > 0 and limits.moves[i] == limits.moves[i - 1]:
-            assign(u, horizon.inputs[i - 1])
+            assign(u, inputs[i - 1])
         else:
             first = i
-        before = horizon.inputs[first - 1] if first > 0 else previous
+        before = inputs[first - 1] if first > 0 else previous
         for j in range(m):
             low[j] = max(limits.low[j], before[j] - limits.rate[j])
             high[j] = min(limits.high[j], before[j] + limits.rate[j])
         for _ in range(RESTORATIONS):
-            set_out(horizon, i)
+            for j in range(m):
+                drive[j] = u[j] + horizon.disturbance[j]
             _evaluate(prediction, horizon, i)
             most = 0.0
             for r in range(limits.values.shape[0]):
@@ -210,7 +211,7 @@ def keep_hard(prediction: PredictionModel, horizon: Horizon, previous: Array) ->
                 break
     for i in range(count - 2, -1, -1):
         if limits.moves[i] == limits.moves[i + 1]:
-            assign(horizon.inputs[i], horizon.inputs[i + 1])
+            assign(inputs[i], inputs[i + 1])
 
 
 @inner

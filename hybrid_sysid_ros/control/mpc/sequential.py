@@ -208,7 +208,7 @@ def make_step(
     expected, change = expand(horizon, program, instance)
     apply_step(horizon, 1.0)
     if horizon.limits.hard.any():
-        keep_hard(prediction, horizon, instance.previous)
+        keep_hard(prediction, horizon, instance.previous, horizon.inputs)
     found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
     return expected, change, found
 
