@@ -39,6 +39,10 @@ class Adjustments(Goals):
     def changed(self) -> bool:
         """Whether a comparison says by how much a speed changes, as "5 rpm faster" does; it is a direction then."""
         ((factor, text), *more), speeds = self.clause.comparatives, self.vocabulary.of_kind("speed")
+        if not more and len(self.left) == 1 and self.left[0].base == PERCENT and self.left[0].role in ("", "by"):
+            share = 0.01 * abs(self.left.pop().value)  # "20 % faster" is of what it is
+            self.clause.comparatives = [(1.0 + math.copysign(share, factor - 1.0), text)]
+            return False
         if (
             more
             or len(self.left) != 1

@@ -94,6 +94,8 @@ class Clause:
     sense: Symbol | None = None
     """"forwards" or "backwards"."""
     full_speed: str = ""
+    at_full_speed: str = ""
+    """That it is how another value is gone to, or the value itself where there is none."""
     here: str = ""
     bit: str = ""
     smoothly: bool = False

@@ -42,6 +42,8 @@ class Undo(Command):
     seconds: float | None = None
     toward: float = 0.0
     """The direction that was said, 1 or -1, 0 where none was."""
+    outputs: tuple[int, ...] = ()
+    """Those that were named; all where none was."""
 
 
 @dataclass(frozen=True, kw_only=True)

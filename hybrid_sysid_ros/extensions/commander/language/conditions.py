@@ -40,8 +40,8 @@ class ConditionReader(QuantityReader):
         if at_once or later or equals:
             self.at += begin + at_once if at_once else count + later
             side = side if at_once else other
-            if words[-1] in ("until", "till") and not (side or named) and self.moves():  # "up until it reaches 2 m"
-                self.found.append(Symbol("T", "to", start))
+            if words[-1] in ("until", "till") and not side and self.moves() and not (named and self.has_level()):
+                self.found += [Symbol("T", "to", start), *named[:1]]  # "climb at 2 m/s until the height is 200 m"
                 return True
             when = "once" if when == "if" and (event or not side) else when
             self.found += [Symbol("z", (when, side), start), *([] if at_once else named[:1])]
@@ -66,6 +66,12 @@ class ConditionReader(QuantityReader):
         verbs = {symbol.value for symbol in part if symbol.kind == "V"}
         leads = bool(verbs) or any(symbol.kind == "U" for symbol in part)
         return leads and not verbs & {"hold", "wait", "swing", "square", "triangle", "toggle", "repeat", "follow"}
+
+    def has_level(self) -> bool:
+        """Whether the part that ends here says a value, but for how fast."""
+        last = max((k for k, symbol in enumerate(self.found) if symbol.kind == ";"), default=-1)
+        part = self.found[last + 1 :]
+        return any(symbol.kind == "Q" and (not k or part[k - 1].kind != "W") for k, symbol in enumerate(part))
 
     def _subject(self, count: int) -> tuple[int, list[Symbol], bool]:
         """How many words there are with those that say of what a condition is, which output, and whether it becomes so,

@@ -214,8 +214,8 @@ class Draft:
 
 
 def back_to(origin: Array, vocabulary: Vocabulary, command: Undo) -> Move:
-    """A move of all outputs that commands steer to places (outputs,), as they are shown, as a command says."""
-    moved = [k for k in vocabulary.tracked if vocabulary.outputs[k].moves]
+    """A move of the outputs that a command names, or of all, to places (outputs,), as they are shown."""
+    moved = command.outputs or [k for k in vocabulary.tracked if vocabulary.outputs[k].moves]
     goals = tuple(Goal(output=k, value=float(origin[k])) for k in moved)
     return Move(goals=goals, shape="smooth", pace=command.pace, seconds=command.seconds)
 

@@ -61,18 +61,31 @@ class Goals(Values):
             raise UserError(f"{self.verb} to where? say for example '{self.verb} to 1 {self.example}'")
         if len(found) > 1:
             self.clause.together = ""
-        if self.clause.bit and found:
+        if self.clause.bit and not all(goal.relative for goal in found):
             raise UserError(f"{self.clause.bit!r} and a value contradict one another: leave one out")
         if len({goal.output for goal in found}) < len(found):
             raise UserError(f"{self.verb} has several values of one output: join them by 'then'")
         if unused := [k for k in self.clause.targets if k not in {goal.output for goal in found}]:
             raise UserError(f"{self.vocabulary.outputs[unused[0]].name} to what? say a value of it")
+        self.clause.bit = ""  # "up a bit, by 1 m"
         return tuple(found)
+
+    def at_a_rate(self, seconds: float) -> bool:
+        """Whether a direction and how fast are all that is said; how far that leads then takes the rate's place."""
+        outputs, item = self.clause.targets or list(self.vocabulary.tracked), next(iter(self.left), None)
+        if not self.clause.directions or item is None or len(self.left) > 1 or item.unit is None:
+            return False
+        rates = [unit.rate for k in outputs for unit in self.vocabulary.units_of(k)]
+        if item.role not in ("", "at", "by") or not any(map(item.unit.alike, rates)):
+            return False
+        way = item.unit._replace(per=item.unit.per - 1)
+        self.left = [replace(item, value=item.value * seconds, unit=way, role="by")]
+        return True
 
     def each(self, item: Quantity) -> list[Quantity]:
         """A value of each output that it is of: 0 may be of several, as in "both to 0"."""
         several = item.output is None and item.value == 0.0 and len(self.clause.targets) > 1
-        return [replace(item, output=k) for k in self.clause.targets] if several else [item]
+        return [replace(item, output=k) for k in dict.fromkeys(self.clause.targets)] if several else [item]
 
     def refuse_turning(self, found: list[Goal]) -> None:
         """Raise UserError for "reverse at 100 rpm"; a sign leaves no doubt."""
@@ -112,9 +125,9 @@ class Goals(Values):
         relative = item.role == "by" or (sign != 0.0 and item.role != "to")
         if relative and item.base == PERCENT:
             shown = self.vocabulary.outputs[output]
-            change = 0.01 * abs(item.value)
+            change = 0.01 * (sign or 1.0) * item.value
             half = change * 0.5 * (shown.high - shown.low)
-            factor = 1.0 + (sign or 1.0) * change
+            factor = 1.0 + change
             raise UserError(
                 f"{item.value:g} % of what it is now, or of the range? say 'to {100.0 * factor:g} % of its present "
                 f"value', or 'by {half:.4g} {shown.unit}'"

@@ -14,6 +14,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Move,
     Repeat,
     Sentence,
+    Swing,
     Undo,
     Wait,
 )
@@ -21,10 +22,11 @@ from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.matcher import clauses
 from hybrid_sysid_ros.extensions.commander.language.meanings import Meaning
+from hybrid_sysid_ros.extensions.commander.language.paraphrases import JOINED
 from hybrid_sysid_ros.extensions.commander.language.quantities import DoubtfulNumberError
 from hybrid_sysid_ros.extensions.commander.language.questions import is_question
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, says_more, stop_in
-from hybrid_sysid_ros.extensions.commander.language.symbols import JOINED, UnknownWordError, symbols
+from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
 from hybrid_sysid_ros.extensions.commander.language.values import Values
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, PERCENT, TIME
@@ -105,6 +107,9 @@ def _stage(
     """
     commands: list[Command] = []
     for k, clause in enumerate(found):
+        if commands and isinstance(commands[-1], Swing) and (seconds := _lasting(clause, found[k - 1], vocabulary)):
+            commands[-1] = replace(commands[-1], seconds=seconds)
+            continue
         heads = not (k or clause.verbs) and len(found) > 1 and not found[1].then  # "three times: ..."
         if rounds := _rounds(clause, vocabulary, files) if commands or heads else 0:
             if not commands:
@@ -120,10 +125,13 @@ def _stage(
                 clause.condition is not None and clause.condition.when == when for when in ("until", "if")
             )
             condition = _condition(clause, vocabulary)
+            settles = condition.settled
             waits = verbs in ([], ["wait"]) and _alone(clause)
             if until and not waits:
                 commands.append(Meaning(clause, vocabulary, files, behind=_acts(commands)).command())
             rest = found[k + 1 :] if until or waits else [clause, *found[k + 1 :]]
+            if not rest and commands and until and settles:
+                return Sentence(text=text, commands=tuple(commands))  # "go to 1 m and let it settle": it does
             if not rest:
                 raise UserError("and then what? say for example 'once it is still, go to 0'")
             later = _stage(text, rest, vocabulary, files, reached=condition.output is not None)
@@ -150,20 +158,46 @@ def _stage(
                 return Sentence(text=text, commands=(), stops=True, why=why)
             if k < len(found) - 1:
                 raise UserError("'stop' works at once: let it stand alone, or at the end")
+            if not clause.then and all(isinstance(command, Repeat) for command in commands):
+                commands = []  # "again, stop!"
             return Sentence(text=text, commands=tuple(commands), stops=True)
         lasting = clause.each is not None and _alone(clause) and verbs in (["hold"], ["wait"])  # "stay 5 s at each"
         if not ((clause.delay is not None and _alone(clause) and not verbs) or lasting):
             behind = _acts(commands) or (reached and verbs == ["hold"])
             joint, clause.together = (clause.together, "") if commands else ("", clause.together)
+            if clause.comparatives and not k and len(found) > 1 and not found[1].then and not clause.quantities:
+                said = clause.comparatives[0][1]
+                raise UserError(f"{said!r}: of what runs, or of what follows? say 'slowly', or 'then' behind it")
             meaning = Meaning(clause, vocabulary, files, behind=behind)
             made = meaning.command()
             other = k > 0 and [verb.text for verb in clause.verbs] != [verb.text for verb in found[k - 1].verbs]
             if commands == [made] == [Repeat()] and other and not JOINED.search(text):
                 continue  # "one more time, same as before"
-            commands = _joined(commands, made, joint) if joint else _repeated(commands, made, meaning.times)
+            joined = not clause.then
+            commands = (
+                _joined(commands, made, joint) if joint else _repeated(commands, made, meaning.times, joined=joined)
+            )
         if clause.each is not None:
             commands = _held(commands, clause.each, Values(clause, vocabulary).time(clause.each))
     return Sentence(text=text, commands=tuple(commands))
+
+
+def _lasting(clause: Clause, before: Clause, vocabulary: Vocabulary) -> float:
+    """How long a swing lasts where the next part says no more, as in "run it for 20 s"; 0 for any other."""
+    said = {symbol.value for symbol in clause.verbs if symbol.text.split()[0] != "repeat"}
+    times = [item for item in clause.quantities if item.base == TIME and item.role in ("for", "over")]
+    own = [item for item in before.quantities if item.role == "for" or item.base == COUNT]
+    if (
+        not said
+        or said - {"follow", "repeat"}
+        or times != clause.quantities
+        or len(times) != 1
+        or own
+        or clause.names
+        or clause.then
+    ):
+        return 0.0
+    return Values(clause, vocabulary).time(times[0])
 
 
 def _rounds(clause: Clause, vocabulary: Vocabulary, files: Files) -> int:
@@ -197,7 +231,7 @@ def _joined(before: list[Command], made: Command, said: str) -> list[Command]:
     return [*before[:-1], replace(last, goals=goals)]
 
 
-def _repeated(before: list[Command], made: Command, times: int) -> list[Command]:
+def _repeated(before: list[Command], made: Command, times: int, *, joined: bool) -> list[Command]:
     """Commands and another one so many times, or all of them where that one alone would come to nothing new; "and back"
     goes with the part before. Raises UserError where it is unclear what is done again.
     """
@@ -207,6 +241,10 @@ def _repeated(before: list[Command], made: Command, times: int) -> list[Command]
     if alone or not before:
         raise UserError(f"{times} times of what? say all parts, and then 'repeat {times} times'")
     if isinstance(made, Undo):
+        if made.seconds is not None and isinstance(before[-1], Move) and before[-1].seconds is None and joined:
+            raise UserError(
+                f"in {made.seconds:g} s there and back, or back alone? say how long the way there takes, too"
+            )
         return [*before[:-1], *[before[-1], made] * times]
     return [*before, made] * times
 

@@ -159,8 +159,20 @@ class Interpreter:
             when, words = self.awaited(sentence.condition), "; then ".join(later.story) + sentence.later.because
             if sentence.guards:
                 return f"{'; then '.join(parts)}; but {when} of its end{self.missed(sentence, plan)}: {words}"
-            parts += [f"{when}: {words}"]
+            known = "" if sentence.condition.output is None or sentence.later.is_stop else " (simulated when it begins)"
+            parts += [f"{when}{known}: {words}"]
         return "; then ".join(parts)
+
+    def whole(self, sentence: commands.Sentence) -> commands.Sentence:
+        """With the parts that wait for a time or for rest behind the others; those that wait for a value are not
+        known to begin.
+        """
+        while (later := sentence.later) is not None and (when := sentence.condition) and when.output is None:
+            origin = np.zeros(len(self.vocabulary.outputs))
+            later = self.unfolded(later, Carried(sentence.commands, origin) if sentence.commands else None)
+            waited = [commands.Wait(seconds=when.delay)] if when.delay else []
+            sentence = replace(later, commands=(*sentence.commands, *waited, *later.commands))
+        return sentence
 
     def missed(self, sentence: commands.Sentence, plan: ReferencePlan) -> str:
         """That a plan does not lead to the value that a stop waits for; "" where it does."""
@@ -192,7 +204,8 @@ class Interpreter:
                 return Reply(text=text, accepted=True, line=f"{what}: the inputs go to rest at once{sentence.because}")
             begin = np.zeros(len(self.vocabulary.outputs)) if reference is None else reference
             plan = self.plan(sentence, begin)
-            forecast = self.forecast(plan, start or self.simulator.rest)
+            whole = plan if sentence.guards else self.plan(self.whole(sentence), begin)
+            forecast = self.forecast(whole, start or self.simulator.rest)
             line = f"{self.story(sentence, plan)}: {forecast.line}"
         except UserError as error:
             return Reply(text=text, accepted=False, line=str(error))

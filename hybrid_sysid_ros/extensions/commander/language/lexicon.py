@@ -24,7 +24,8 @@ ROLES = {
     "within": "L", "after": "D", "later": "E", "every": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J",
     "here": "H", "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X",
     "highest": "x", "lowest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d",
-    "as_fast": "g", "no_faster": "<", "all": "l", "increment": "s", "together": "t", "back_to": "T",
+    "as_fast": "g", "as_slow": "g", "former": "P", "no_faster": "<", "all": "l", "increment": "s", "together": "t",
+    "back_to": "T",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {
@@ -75,6 +76,9 @@ class Lexicon:
         self._enter(found, "while_holding", ((";", "while"), ("V", "hold")))
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))
         self._enter(found, "at_rest", (("n", "rest"), ("T", "to"), ("Q", (0.0, None))))
+        zero = (("V", "go"), ("n", "rest"), ("T", "to"), ("Q", (0.0, None)))
+        self._enter(found, "nothing", zero)
+        self._enter(found, "then_nothing", ((";", "then"), *zero))
         self._enter(found, "from_rest", (("n", "rest"), ("F", "from"), ("Q", (0.0, None))))
         for category, sign in {"climb_to": 1.0, "sink_to": -1.0}.items():
             self._enter(found, category, (("V", "go"), ("U", sign), ("h", "height"), ("T", "to")))
@@ -106,8 +110,8 @@ class Lexicon:
         self._enter(found, "home_place", (("u", "home"),))
         self._enter(found, "then", ((";", "then"),))
         for words, meaning in list(found.items()):
-            if words and words[0] in self.table.get("inflected", ()) and "V" in {kind for kind, _ in meaning}:
-                for form in self._inflected(words[0]):
+            if words and "V" in {kind for kind, _ in meaning}:
+                for form in self._forms(words[0]):
                     found.setdefault((*form, *words[1:]), meaning)
         for reason, phrases in self.table["refuse"].items():
             for phrase in phrases:
@@ -115,12 +119,26 @@ class Lexicon:
                 found[words] = (("!", reason), *(each for each in found.get(words, ()) if each[0] in "VUN"))
         return found
 
-    def _inflected(self, verb: str) -> Sequence[tuple[str, ...]]:
-        """What is said of the rig with a verb: "goes", "going", and "be moved"."""
+    def _forms(self, verb: str) -> Sequence[tuple[str, ...]]:
+        """What else is said with a verb: "goes", "going", "to go" and "be moved", or, of an infinitive of a language
+        whose ``endings`` are listed, "aumente", "aumenta", "aumentando" and "para aumentar".
+        """
+        if len(verb) > 3 and (endings := self.table.get("endings", {}).get(verb[-2:], ())):
+            stem = verb[:-2]
+            hard = {"c": f"{stem[:-1]}qu", "g": f"{stem}u"}.get(stem[-1:], stem) if verb.endswith("ar") else stem
+            forms = [((hard if ending[0] == "e" else stem) + ending,) for ending in endings]
+            return [*forms, *((to, verb) for to in self.table["before_infinitives"])]
+        if verb not in self.table.get("inflected", ()):
+            return []
         doubled = verb + verb[-1] if SHORT.fullmatch(verb) else verb.removesuffix("e")
         participle = self.table["participles"].get(verb, f"{doubled}ed")
         passive = [(*before, "be", participle) for before in ((), ("to",), ("should",))]
-        return [(f"{verb}es" if verb.endswith(("s", "sh", "ch", "o")) else f"{verb}s",), (f"{doubled}ing",), *passive]
+        return [
+            ("to", verb),
+            (f"{verb}es" if verb.endswith(("s", "sh", "ch", "o")) else f"{verb}s",),
+            (f"{doubled}ing",),
+            *passive,
+        ]
 
     def _enter(self, found: dict[tuple[str, ...], Any], category: str, meaning: Any) -> None:
         for phrase in self.table.get(category, ()):
@@ -185,4 +203,19 @@ class Lexicon:
 @cache
 def lexicon(name: str) -> Lexicon:
     """That of a language."""
-    return Lexicon(name=name, table=read_mapping(Path(__file__).parent / "words" / f"{name}.yaml"))
+    return Lexicon(name=name, table=_spread(read_mapping(Path(__file__).parent / "words" / f"{name}.yaml")))
+
+
+def _spread(table: Any) -> Any:
+    """A table whose phrases are written out: "go (back|home)" stands for "go back" and "go home"."""
+    if isinstance(table, Mapping):
+        return {key: _spread(part) for key, part in table.items()}
+    return [each for phrase in table for each in _alternatives(phrase)] if isinstance(table, list) else table
+
+
+def _alternatives(phrase: str) -> Sequence[str]:
+    match = re.search(r"\(([^()]*)\)", phrase)
+    if match is None:
+        return [" ".join(phrase.split())]
+    made = (phrase[: match.start()] + each + phrase[match.end() :] for each in match[1].split("|"))
+    return [written for each in made for written in _alternatives(each)]

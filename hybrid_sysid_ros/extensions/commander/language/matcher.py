@@ -78,7 +78,9 @@ class _Matcher(Notes):
     def note(self, slot: str, part: Sequence[Symbol], letters: str) -> None:
         """Note what a pattern has found."""
         found = FilledSlot(slot, part, letters, [symbol.value for symbol in part if symbol.kind in "Q^"])
-        found = self.resolved(found._replace(output=self.named(found.names, needed=slot not in ("rate", "full_speed"))))
+        found = self.resolved(
+            found._replace(output=self.named(found.names, needed=slot not in ("rate", "full_speed", "former")))
+        )
         getattr(self, f"_note_{found.slot}", self._note_value)(found)
 
     def resolved(self, found: FilledSlot) -> FilledSlot:

@@ -34,6 +34,13 @@ class Meaning(Adjustments):
         super().__init__(clause, vocabulary)
         self.behind, self.times = behind, 1
         self.files = files
+        if clause.at_full_speed:
+            led = clause.shares or clause.directions or any(item.base != TIME for item in self.left)
+            verbs = {symbol.value for symbol in clause.verbs}
+            if led or verbs - {"go", "follow", "hold"} or "for" not in self.roles:
+                clause.paces.append("quickly")
+            else:
+                clause.full_speed = clause.at_full_speed  # "spin at full speed for 5 s"
         if len(set(clause.paces)) > 1:
             raise UserError(f"{' and '.join(clause.paces)} contradict one another: leave one out")
         self.verb = self._verb()
@@ -43,6 +50,8 @@ class Meaning(Adjustments):
         found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
         if "back" in found and not clause.directions and "by" in self.roles:
             raise UserError(f"back by how much is up or down? say 'up 1 {self.example}' or 'down 1 {self.example}'")
+        if "follow" in found and not clause.names and len(found) > 1 and "step" not in found:
+            found.remove("follow")  # "run the last experiment", "fly a staircase"
         if "repeat" in found and len(found) > 1 and (self.left or "undo" in found):  # "undo the last command"
             found.remove("repeat")
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
@@ -52,7 +61,7 @@ class Meaning(Adjustments):
             symbol.value for symbol in clause.verbs if symbol.text.split()[-1] == "be"
         }  # "let it be a square wave"
         general = {"go", *being, "step", "ramp", "back", *([] if clause.names else ["follow"])}  # "run a chirp"
-        if {"home", "hold"} <= {*found} and not self.left:  # "stay at the equilibrium"
+        if "hold" in found and {"home", "undo"} & {*found} and not self.left:  # "stay at the equilibrium"
             found.remove("hold")
         if found == ["chirp"] and not any(item.base == FREQUENCY for item in self.left) and self.span_in_time():
             found = ["ramp"]  # "sweep from 1 to 2 m in 5 s"
@@ -88,6 +97,7 @@ class Meaning(Adjustments):
             found = ["wait"]  # "give it 5 s"
         if not found and (
             clause.directions or clause.comparatives or clause.targets or clause.shares or clause.full_speed
+            or self.span_in_time()
             or any(item.role in ("to", "range") or self.adjusted(item) for item in self.left) or self._said()
         ):  # fmt: skip
             found = ["go"]
@@ -143,7 +153,7 @@ class Meaning(Adjustments):
 
     def _said(self) -> bool:
         """Whether a value is asked for without a verb: by "I want", or by how long it is to last."""
-        return "" in self.roles and (self.clause.wish or "for" in self.roles)
+        return ("" in self.roles and "for" in self.roles) or bool(self.clause.wish and {"", "at"} & self.roles)
 
     def command(self) -> commands.Command:
         """What the clause asks for."""
@@ -190,11 +200,9 @@ class Meaning(Adjustments):
             raise UserError(f"{self.verb} takes no output: leave {self.vocabulary.outputs[clause.targets[0]].name} out")
 
     def undo(self) -> commands.Undo:
-        seconds, toward = self.seconds("in", "within"), self.direction()
-        if self.pace and seconds:
-            raise UserError(f"{self.pace} and a time contradict one another: leave one out")
-        self.clause.directions = []
-        return commands.Undo(pace=self.pace, seconds=seconds, toward=toward)
+        seconds, toward = self.moving_time(), self.direction()
+        outputs, self.clause.targets, self.clause.directions = tuple(self.clause.targets), [], []
+        return commands.Undo(pace=self.pace, seconds=seconds, toward=toward, outputs=outputs)
 
     def repeat(self) -> commands.Command:
         """Once, or so many times, or for so long; behind other commands that could mean these, too."""
@@ -224,9 +232,7 @@ class Meaning(Adjustments):
             self.left += [replace(zero, output=k) for k in targets or moving]
             return self.move("smooth")
         self.clause.targets = []
-        seconds, hold = self.seconds("in", "within"), self.seconds("for")
-        if self.pace and seconds:
-            raise UserError(f"{self.pace} and a time contradict one another: leave one out")
+        seconds, hold = self.moving_time(), self.seconds("for")
         return commands.Home(pace=self.pace, seconds=seconds, hold=hold or 0.0)
 
     def wait(self) -> commands.Command:
@@ -250,9 +256,7 @@ class Meaning(Adjustments):
         names = self.clause.names
         if len(names) != 1 or not is_picture(names[0]):
             raise UserError("look like what? name one picture, as in 'look like goal.jpg'")
-        seconds, hold = self.seconds("in", "within"), self.seconds("for")
-        if self.pace and seconds:
-            raise UserError(f"{self.pace} and a time contradict one another: leave one out")
+        seconds, hold = self.moving_time(), self.seconds("for")
         name = names.pop()
         return commands.PictureTarget(
             name=name, path=self.files.find(name), pace=self.pace, seconds=seconds, hold=hold or 0.0
@@ -268,7 +272,7 @@ class Meaning(Adjustments):
         if clause.directions:
             raise UserError(f"hold takes no direction: say 'go {clause.directions[0].text}', or where to hold")
         times = [item for item in self.left if item.base == TIME and item.role not in ("in", "within")]
-        if times and self.behind and times == self.left:  # "go to 1 m, hold 2 s"
+        if times and (self.behind or self.verb == "still") and times == self.left:  # "go to 1 m, hold 2 s"
             self.left = []
             return self.stay(self.time(times[0]))
         if len(times) == 1 and times[0].role == "" and (len(self.left) > 1 or clause.shares):  # "stay at 2 m a minute"
@@ -320,7 +324,7 @@ class Meaning(Adjustments):
         led = (
             ("at", "no_faster", "by") if "to" in self.roles else ("at", "no_faster")
         )  # "by 1 m/s each second to 4 m/s"
-        rate = self.take(lambda item: item.role in led and self.is_rate(item))
+        rate = self.take(lambda item: (item.role in led or self.only_a_rate(item)) and self.is_rate(item))
         pace = "" if self.pace == "slowly" else self.pace  # which a time or a rate may be: the plan knows
         paces = [given for given in (pace, seconds and "a time", rate and "a rate") if given]
         if len(paces) > 1:
@@ -334,6 +338,8 @@ class Meaning(Adjustments):
             begin = replace(begin, unit=shared[0])
         if begin is not None and not shared:
             raise UserError(f"from {begin.value:g} to where? say 'from 0 to 1 {self.example}'")
+        if hold and self.at_a_rate(hold):  # "climb at 5 m/s for 20 s"
+            shape, seconds, hold = "straight", hold, None
         goals = self.goals()
         output = self.vocabulary.outputs[goals[0].output]
         return commands.Move(

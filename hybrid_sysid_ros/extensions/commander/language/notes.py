@@ -90,7 +90,7 @@ class Notes:
             self._note_limit(found._replace(output=self.named(found.names)))
             return
         if "W" in found.letters:
-            self.made.paces.append("quickly")
+            self.made.at_full_speed = found.text
         else:
             self.made.full_speed = found.text
 
@@ -107,6 +107,22 @@ class Notes:
     def _note_often(self, found: FilledSlot) -> None:
         """As in "one cycle every 4 s". Raises UserError for a count that could be that of all periods."""
         (count, unit), every = found.quantities
+        own = [each for k in self.vocabulary.tracked for each in self.vocabulary.units_of(k)]
+        if every[1] is not None and every[1].base == COUNT and is_time(unit):  # "5 s at each, six times"
+            self.made.each = self.quantity(found.quantities[0], "for", found.text)
+            self.made.quantities.append(self.quantity(every, "", found.text))
+            return
+        if (
+            unit is not None
+            and every[1] is not None
+            and is_time(every[1])
+            and any(map(unit.rate.alike, own))
+            and every[0] > 0.0
+        ):
+            self._note_value(
+                found._replace(slot="plain", quantities=[(count / (every[0] * every[1].factor), unit.rate)])
+            )
+            return  # "one turn every 4 s"
         if unit is None or unit.base != COUNT:
             self.made.quantities.append(self.quantity(found.quantities[0], "", found.text))
         elif count != 1.0:
@@ -144,6 +160,12 @@ class Notes:
         self.made.verbs.append(Symbol("V", "home", found.text))
         self.made.targets += [found.output] if found.output is not None else []
 
+    def _note_former(self, found: FilledSlot) -> None:
+        """Where all was before, or one of several outputs that move."""
+        if len([k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]) > 1 and found.names:
+            self.made.targets += [k for k in [self.named(found.names)] if k is not None]
+        self.made.verbs.append(Symbol("V", "undo", found.text))
+
     def _note_verb(self, found: FilledSlot) -> None:
         self.made.verbs += [symbol for symbol in found.part if symbol.kind == "V"]
 
@@ -175,7 +197,8 @@ class Notes:
         if found.quantities and (found.quantities[0][1] is None or found.quantities[0][1].base != COUNT):
             raise UserError(f"{found.text!r}: how many times as fast? say 'three times as fast'")
         factor = found.quantities[0][0] if found.quantities else found.part[0].value
-        self.made.comparatives.append((factor, found.text))
+        slow = found.part[-1].value == "as_slow"
+        self.made.comparatives.append((1.0 / factor if slow else factor, found.text))
 
     def _note_increment(self, found: FilledSlot) -> None:
         self.made.increment = self.quantity(found.quantities[0], "by", found.text)
@@ -210,6 +233,8 @@ class Notes:
         """A factor, or a percentage."""
         factor = next((symbol.value for symbol in found.part if symbol.kind == "S"), None)
         value, unit = found.quantities[0] if found.quantities else (0.0, None)
+        if factor is None and unit is not None and unit.base == COUNT and "N" in found.letters:
+            factor = value  # "five times its present speed"
         if factor is None and (unit is None or unit.base != PERCENT):
             raise UserError(f"{found.text!r}: a share is in %, or half, a third, a quarter, twice")
         if any(symbol.value == "lowest" for symbol in found.part):
@@ -246,6 +271,9 @@ class Notes:
     def _note_and(self, found: FilledSlot) -> None:
         """It says nothing by itself."""
 
+    def _note_from_here(self, found: FilledSlot) -> None:
+        """Every motion begins where the rig is."""
+
     _note_between = _note_range = _note_span = _note_ends
     _note_amplitude = _note_frequency = _note_period = _note_of_swing
     _note_later = _note_after = _note_delay
@@ -280,7 +308,8 @@ class Notes:
         """One, of the output that was named with it or last; a time or a frequency is of none."""
         value, unit = said
         self.waiting = False
-        taken = output if output is not None else self.output
+        several = value == 0.0 and output is None and len({*self.made.targets}) > 1 and not self.made.quantities
+        taken = output if output is not None else None if several else self.output  # "speed and height to 0"
         kind = kind or ("" if unit is not None and unit.base in (TIME, FREQUENCY) else self.noun)
         return Quantity(value=value, unit=unit, role=role, text=text, kind=kind, output=taken)
 

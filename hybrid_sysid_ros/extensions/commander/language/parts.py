@@ -40,6 +40,10 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             continue
         ended = _is_wait(made[-1]) and following in tuple("UQTKO")
         ended = ended or (following == "V" and is_level(next(iter(made[-1]), None)))  # "60 rpm, wait 5 s, 50 rpm"
+        ahead = "".join(each.kind for each in found[k + 1 :])
+        if symbol.kind == "," and re.search("M[bm]?$", before) and re.match(r"oQ|Q(?!o?[KO]?[U+M])", ahead):
+            said = " ".join(each.text for each in (made[-1][-1], found[k + 1]))
+            raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by' before it")
         if symbol.kind == "," and ended:
             made.append([])
         elif _waits(made[-1], symbol, found[k + 1 : k + 3]):
@@ -60,6 +64,9 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
     """
     if re.search("U.*Q|Q.*U", before) and re.match("[KO]+o?U", "".join(symbol.kind for symbol in rest)):
         return True  # "height up 100 m, speed down 10 m/s"
+    letters = "".join(symbol.kind for symbol in rest)
+    if re.search("[VU].*Q", before) and re.match("IQ[Vy]", letters):  # "go to 1 m, in 3 s go to 2 m"
+        return True
     turns = following == "T" and rest[0].value == "back_to"
     if "TQ" in before and (
         turns or [symbol.kind for symbol in rest[:2]] == ["U", "T"]
@@ -74,6 +81,8 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
     if following == "V" and rest[0].value == "repeat" and "Q" in before:  # "go to 1 m, then 0, repeat 3 times"
         return True
     if following == "u" and "Q" in before:  # "hold 3 s, home"
+        return True
+    if following == "t" and len(rest) > 1 and rest[1].kind in "Vy":  # "and at the same time slow down"
         return True
     if following in ("V", "y", ";"):
         return any(letter in "VUOKTMu" for letter in before)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quantity, O: an output by name
     ("to_name", "[TW]?K?GK?"),
+    ("from_here", "F(?:H|J?N[KO]?)"),
+    ("former", "[TWo]?(?:J?[KO]P|P[KO]?)"),
     ("condition", "Z|z[KO]?T?Q"),
     ("between", "B(?:[KO]o?)?Q[jT]Q"),
     ("range", "[Fo](?:[KO]o?)?QU?TQ"),
@@ -40,10 +42,10 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quan
     ("in_or_to", "iQ"),
     ("for_or_by", "rQ"),
     ("within", "LQ"),
-    ("after", "DQ"),
+    ("after", "DQH?"),
     ("every", "eQ"),
     ("from", "F(?:[KO]o?)?Q"),
-    ("target", "[WoT]?N?(?:KoO|KO|OK|K|O)N?(?:o?J)?"),
+    ("target", "[WoTI]?J?N?(?:KoO|KO|OK|K|O)N?(?:o?J)?"),
     ("target", "R(?:KoO|KO|OK|K|O)$"),
     ("whole_range", "I?x?X(?:o[KO])?"),
     ("plain", "o?Q(?:o?[KO])?"),

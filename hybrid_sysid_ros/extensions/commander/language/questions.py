@@ -45,7 +45,7 @@ def _begins(words: list[str], language: Lexicon) -> bool:
     while words:
         asks, count = language.longest(language.parts["ask"], words), language.longest(polite, words)
         if asks:
-            return asks >= count
+            return asks >= count and (words[0] != "keep" or asks == len(words))
         if not count:
             return False
         words = words[count:]

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
-from hybrid_sysid_ros.extensions.commander.language.parts import is_level
+from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG, is_level
 from hybrid_sysid_ros.extensions.commander.language.swings import SIZES
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import Unit
@@ -37,11 +37,12 @@ def with_units_of_lists(found: Sequence[Symbol]) -> list[Symbol]:
 
 
 def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
-    """Give values without a unit that of their own clause, or of the one before: "30 rpm, then 50"."""
-    last: Unit | None = None
-    for clause in clauses:
-        awaited = [clause.condition.value] if clause.condition is not None and clause.condition.value else []
-        said = [item for item in [*awaited, *clause.quantities] if _measures(item, vocabulary)]
+    """Give values without a unit that of their own clause, of the one before, "30 rpm, then 50", or else of the next
+    one that has any: "to 30, then 50 rpm".
+    """
+    spoken = [_spoken(clause, vocabulary) for clause in clauses]
+    last = next((said[0].unit for said in spoken if said), None)
+    for clause, said in zip(clauses, spoken, strict=True):
         last = said[-1].unit if said else last
         rates = [unit for item in clause.quantities for unit in _of_rate(item, vocabulary)]
         unit = last if said or not rates else rates[0]
@@ -49,6 +50,12 @@ def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
             replace(item, unit=unit) if unit is not None and _lacks(item, clause, unit, vocabulary) else item
             for item in clause.quantities
         ]
+
+
+def _spoken(clause: Clause, vocabulary: Vocabulary) -> Sequence[Quantity]:
+    """Values of a clause that have the unit of their output."""
+    awaited = [clause.condition.value] if clause.condition is not None and clause.condition.value else []
+    return [item for item in [*awaited, *clause.quantities] if _measures(item, vocabulary)]
 
 
 def _own(item: Quantity, vocabulary: Vocabulary) -> Sequence[Unit]:
@@ -72,7 +79,14 @@ def _lacks(item: Quantity, clause: Clause, unit: Unit, vocabulary: Vocabulary) -
     goes_on = item.role == "" and clause.then and not clause.verbs
     paired = any(other.unit is not None and other.text == item.text for other in clause.quantities)
     change = item.role == "" and bool(clause.directions)
-    level = item.kind in SIZES or (not item.kind and (item.role in LEVELS or goes_on or change))
+    swung = item.role == "" and bool(
+        SWUNG & {symbol.value for symbol in clause.verbs}
+    )  # "a sine about 8 m, 2 either way"
+    level = (
+        swung
+        or item.kind in SIZES
+        or (item.kind not in ("frequency", "period") and (item.role in LEVELS or goes_on or change))
+    )
     return (
         item.unit is None
         and item.value != 0.0

@@ -8,13 +8,12 @@ from typing import Any
 
 from hybrid_sysid_ros.extensions.commander.language.conditions import ConditionReader
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Lexicon, Symbol, lexicon
+from hybrid_sysid_ros.extensions.commander.language.paraphrases import written_out
 from hybrid_sysid_ros.extensions.commander.language.quantities import Token
 from hybrid_sysid_ros.extensions.commander.language.stops import folded, stop_in
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
 from hybrid_sysid_ros.support.errors import UserError
 
-JOINED = re.compile(r"\b(?:then|and|or|ent[aã]o|depois|e|ou)\b", re.IGNORECASE)
-"""What joins two parts."""
 SHAPES = {"step", "ramp", "swing", "square", "toggle", "triangle", "chirp", "stairs"}
 """Verbs whose noun may be applied."""
 LONGEST = 300  # characters of a sentence
@@ -29,81 +28,6 @@ TOKEN = re.compile(
     )""",
     re.VERBOSE,
 )
-TIMED = "wait|pause|hold|stay|in|within|for|after|every|over|of|half|just|about|takes?|then|and"
-"""Words after which "a second" is a time, and no rate."""
-PHRASES = (
-    (re.compile(r"(?<=\d)½"), ".5"),
-    (re.compile(r"½"), "0.5"),
-    (re.compile(r"\.{3,}|\.{2}(?=\s|$)"), ", "),
-    (re.compile(r"\b(?:times\s+(?:a|per|every)\s+sec(?:ond)?|vez(?:es)?\s+por\s+segundo)\b", re.I), " Hz "),
-    (
-        re.compile(r"\b(?:(once)|twice)\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I),
-        lambda match: f" at {2 - bool(match[1])} Hz ",
-    ),
-    (re.compile(r"\b(?:per|por)\s+sec(?:ond)?s?\b|\bpor\s+segundo\b", re.I), "/s "),
-    (re.compile(rf"\b(?!(?:{TIMED})\b)([^\W\d_]+|%)\s+a\s+sec(?:ond)?s?\b", re.I), r"\1/s "),
-    (
-        re.compile(
-            r"\b((?:at|than|most|ramp\b[^,;]{0,30}\bby)\s+(?:[\w.,+-]+\s+){1,3}?[^\W\d_]+(?:/s)?)\s+(?:each|every)\s+second\b",
-            re.I,
-        ),
-        r"\1/s ",
-    ),
-    (
-        re.compile(
-            r"^\s*could\s+the\s+(?!(?:[\w-]+\s+){1,2}(?:be(?!\s+\w+(?:ed|en)\b)|have|reach|hit|get|take|hold|stand)\b)",
-            re.I,
-        ),
-        "the ",
-    ),
-    (re.compile(r"\bone\s+(?=(?:each|every)\s+(?:second|minute|\d))", re.I), ""),
-    (re.compile(r"\b(each|every)\s+(?=(?:second|minute)\b(?!\s+(?:step|one|time|level|value)))", re.I), r"\1 1 "),
-    (
-        re.compile(
-            r"\b(for|wait|pause|hold|stay)\s+((?:[\w.,]+\s+){1,3}?)(?:more|further)\s+(?=(?:s|secs?|seconds?|mins?|minutes?)\b)",
-            re.I,
-        ),
-        r"\1 \2",
-    ),
-    (re.compile(r"\b(lower|higher|faster|slower)\s+than\s+(?:where\s+)?it\s+is(?:\s+now)?\b", re.I), r"\1"),
-    (re.compile(r"\b(mais\s+(?:alt|baix)[oa])\s+do\s+que\s+est[áa](?:\s+agora)?\b", re.I), r"\1"),
-    (re.compile(r"\b(?:knock|shave)\s+((?:[\w.,/^²]+\s+){1,4}?)off\b", re.I), r"reduce by \1"),
-    (re.compile(r"\bback\s+(it|her|the\s+\w+)\s+off\b", re.I), r"back off \1"),
-    (re.compile(r"\b(?:to|tae)\s+nothing(?=\s*(?:$|[,;.!]|(?:over|in|within|then)\b))", re.I), "to 0"),
-    (re.compile(r"^\s*steps?\s*:\s*(?=[^,;]+,[^,;]+,)", re.I), "step to "),
-    (
-        re.compile(
-            r"^(?!.*\b(?:then|and)\b)([^,;]+?),?\s+(?:but\s+)?(?:(?:wait|paus|hold|stay)(?:e|ing)?\s+"
-            r"(?:first\s+(?:for\s+)?([^,;]+?)|(?:for\s+)?([^,;]+?)\s+first)|"
-            r"(?:but\s+first\s+wait|first\s+waiting)\s+(?:for\s+)?([^,;]+?))\W*$",
-            re.I,
-        ),
-        lambda match: match[0] if stop_in(match[0]) else f"wait {match[2] or match[3] or match[4]}, then {match[1]}",
-    ),
-    (re.compile(r"\bper\s+min(?:ute)?s?\b|\bpor\s+minuto\b", re.I), "/min "),
-    (re.compile(r"\bper\s+h(?:our)?\b|\bpor\s+hora\b", re.I), "/h "),
-    (re.compile(r"(?<=\w)\s*/\s*(s|min|h|seg)\b", re.I), lambda match: "/" + match[1].lower().replace("seg", "s")),
-    (re.compile(r"/s\s*/\s*s\b|/s2\b|/s²"), "/s^2"),
-    (re.compile(r"\b(rad|deg|m|V)\s?\*?\s?s\^?(?:-1|⁻¹)"), r"\1/s"),
-    (re.compile(r"\btake\s+(?=(?:[\w.,]+\s+){1,2}(?:s|secs?|seconds?|mins?|minutes?)\b)", re.I), "over "),
-    (re.compile(r"\b(s|seconds|minutes?|mins?|hours?)'?\s+time\b", re.I), r"\1 from now"),
-    (re.compile(r"\bafter\s+an?\s+([^,;]{1,20}?)[\s-]+(?:delay|pause|wait|break)\b", re.I), r"after \1"),
-    (re.compile(r"(\d[\d.,]*\s*[^\W\d_]+/s(?:\^2)?)\s+(?:max|maximum)\b", re.I), r"at most \1"),
-    (re.compile(r"\bmore\s+times\b|\btimes\s+more\b", re.I), "times"),
-    (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
-    (re.compile(r"(?<=\d)(?=[^\W\d_])(?![eE][+-]?\d)"), " "),
-)
-"""What is written in several words, dots of somebody who thinks, and units that touch their number."""
-BAND = re.compile(r"(?<=\d)\s*-\s*(?=\d+(?:[.,]\d+)?\s*[km]?Hz\b)")
-PEAK_TO_PEAK = re.compile(r"(?<=\d)\s*([^\W\d_]{1,3})\s*(?:pp|p-p)\b")
-"""As in "0.1-2 Hz" and "3 Vpp": they stand for a word of the language."""
-LOOKALIKES = str.maketrans(
-    {
-        **{"\u2212": "-", "\u2013": "-", "\u2014": ",", "\u2019": "'", "\u00ba": "°", "\u03bc": "µ"},
-        **{"\t": " ", "\u00bf": " ", "\u00a1": " ", "\u2026": ", "},
-    }
-)
-"""Minus, dashes, apostrophe, ordinal, Greek mu and Spanish marks, as editors and phones write them."""
 
 
 def symbols(text: str, lexicon: Lexicon, vocabulary: Vocabulary) -> list[Symbol]:
@@ -112,16 +36,7 @@ def symbols(text: str, lexicon: Lexicon, vocabulary: Vocabulary) -> list[Symbol]
         raise UserError("empty: say for example 'hold 0'")
     if len(text) > LONGEST:
         raise UserError(f"{len(text)} characters: a command has {LONGEST} at most; for more, follow a file")
-    said = lexicon.opening.sub("", text)
-    said = text if not said.strip() else said
-    if (single := lexicon.closing.match(said)) and not re.search(
-        r"\b(?:then|and|or|ent[aã]o|depois|e|ou)\b", said, re.I
-    ):
-        said = single[1]
-    said = BAND.sub(f" {lexicon.table['to'][0]} ", said.translate(LOOKALIKES))
-    said = PEAK_TO_PEAK.sub(rf" \1 {lexicon.table['peak_to_peak'][0]} ", said)
-    for phrase, other in PHRASES:
-        said = phrase.sub(other, said)
+    said = written_out(text, lexicon)
     return _Reader(list(_tokens(said, vocabulary.rig.references)), lexicon, vocabulary).symbols()
 
 
@@ -151,17 +66,27 @@ class _Reader(ConditionReader):
         return self.found
 
     def mend(self) -> None:
-        """Put known words in the places of their slips. Raises UserError for a word that nothing resembles."""
+        """Put "more" behind the unit that follows it, as in "two more volts", and known words in the places of their
+        slips. Raises UserError for a word that nothing resembles.
+        """
         known = self.lexicon.words | self.vocabulary.words(self.lexicon.name)
         numbers = self.lexicon.table["numbers"]
+        for k in range(1, len(self.tokens) - 1):
+            counted = self.tokens[k - 1].kind == "number" or self.words[k - 1] in numbers
+            if counted and self.words[k] in ("more", "extra", "further", "less") and self._unit_at(k + 1) is not None:
+                self.tokens[k : k + 2] = self.tokens[k + 1], self.tokens[k]
+                self.words[k : k + 2] = self.words[k + 1], self.words[k]
         for k, (token, word) in enumerate(zip(self.tokens, self.words, strict=True)):
+            owner, _, own = token.text.casefold().partition("'")
+            if own == "s" and folded(owner) in self.vocabulary.words(self.lexicon.name):  # "the bit's speed"
+                self.words[k] = folded(owner)
+                continue
             if token.kind != "word" or word in known or token.text in self.vocabulary.rig.references:
                 continue
             after_number = k > 0 and (self.tokens[k - 1].kind == "number" or self.words[k - 1] in numbers)
             if self.unit(token.text) is not None:
                 continue
-            owner, _, own = token.text.casefold().partition("'")
-            if own == "s" and folded(owner) in known:  # "the bit's speed"
+            if own == "s" and folded(owner) in known:  # "the machine's speed"
                 self.words[k] = folded(owner)
                 continue
             self.words[k] = self.mended(k, word, known, after_number)
@@ -258,7 +183,8 @@ class _Reader(ConditionReader):
         says "level" needs a position. Raises UserError for a phrase that no command has, before others that nobody
         knows; "gain" is one, but not in "gain 100 m".
         """
-        gains = len(meanings) > 1 and self._verb_here() and self._number_follows()
+        skip = 1 + self.longest({words for words, other in self.lexicon.meanings.items() if not other}, skip=1)
+        gains = len(meanings) > 1 and self._number_follows(skip)
         if ("!" in [kind for kind, _ in meanings]) and self._applied(len(said.split())):
             return
         for kind, reason in meanings if not gains else ():
@@ -266,10 +192,17 @@ class _Reader(ConditionReader):
                 raise UserError(f"{said!r}: {reason}")
         if "x" in [kind for kind, _ in meanings] and said in self.vocabulary.words_of_names:
             raise UserError(f"{said!r}: the highest value, or a part of the rig? say 'to the maximum', or a value")
-        if {("n", "rest"), ("T", "to")} <= {*meanings} and not self._in_time(len(said.split())):
+        if (
+            {("n", "rest"), ("T", "to")} <= {*meanings}
+            and ("V", "go") not in meanings
+            and not self._in_time(len(said.split()))
+        ):
             self.found.append(Symbol("V", "halt", said))
             return
         for noun in [value for kind, value in meanings if kind == "n"]:
+            if ("V", "home") in meanings and self.vocabulary.of_kind("height"):
+                self.found.append(Symbol("V", "hold", said))  # a vehicle that levels off stays where it is
+                return
             if not self.vocabulary.of_kind(noun):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind not in "hn!"]

@@ -56,6 +56,13 @@ class Values:
         found = self.take(lambda item: item.role in roles and item.base == TIME and item.kind != "period")
         return None if found is None else self.time(found)
 
+    def moving_time(self) -> float | None:
+        """How long a motion takes [s]. Raises UserError beside "quickly"; "slowly" it may be, which the plan knows."""
+        seconds = self.seconds("in", "within")
+        if self.pace == "quickly" and seconds:
+            raise UserError("quickly and a time contradict one another: leave one out")
+        return seconds
+
     def time(self, item: Quantity) -> float:
         if item.said < SHORTEST:
             raise UserError(f"{described(item)} is no time to plan with: give {SHORTEST:g} s or more")
@@ -88,6 +95,11 @@ class Values:
                 f"{item.text!r}: how fast, or a value of its own? say 'in' how many seconds, or 'and to' a value"
             )
         return True
+
+    def only_a_rate(self, item: Quantity) -> bool:
+        """Whether a bare value measures no output, as in "up 1 V/s until 3 V"."""
+        own = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
+        return item.role == "" and "to" in self.roles and not (item.unit and any(map(item.unit.alike, own)))
 
     def of_one(self, goals: Sequence[Quantity | Share], rate: Quantity) -> bool:
         """Whether all goals are of one output that was named, and this is a rate of it."""

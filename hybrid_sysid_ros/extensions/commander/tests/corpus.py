@@ -216,7 +216,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "never go to 3 V", Refused("leave")),
     (BEAM, "don't hold 3 V", Refused("leave")),
     (BEAM, "go to 3 V if it is safe", Refused("condition")),
-    (BEAM, "hold 3 V until I say so", Refused("condition")),
+    (BEAM, "hold 3 V until I say so", [go(3)]),
     (BEAM, "swing between -1 and 1 V at 1 Hz forever", Refused("end")),
     (BEAM, "go to 2 V or 3 V", Refused("one of the two")),
     # Text that is no command, or code.
@@ -342,7 +342,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "go to 2 V if it is still", Refused("nobody watches")),
     (CONE, "vá para 300 m a 10 m/s", Refused("how fast")),
     (CONE, "acelere para 20 m/s", [go(20, "speed")]),
-    (BEAM, "ramp up at 1 V/s for 3 s", Refused("says how fast")),
+    (BEAM, "ramp up at 1 V/s for 3 s", [{"do": "straight", "by": {"": 3}, "seconds": 3}]),
     (BEAM, "go to 3 V very slowly", [go(3, pace="slowly")]),
     *PORTUGUESE,
     *FEW_WORDS,
