@@ -19,6 +19,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.controller import ControllerNode
@@ -27,20 +28,24 @@ from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from hybrid_sysid_ros.nodes.timing import Histogram
-from tests.node_bench import Bench, joint, stamp_of
+from tests.node_bench import Bench, ask, joint, stamp_of
 
 # The loop
+
+
+def start_loop(bench: Bench, model: Path, policy: Path) -> None:
+    bench.start(ReferenceNode, lockstep=True)
+    bench.start(EstimatorNode, model=str(model), lockstep=True, latency=0.0)
+    network = {"policy": "network", "policy_path": str(policy), "certificate": "ignore"}
+    bench.start(ControllerNode, model=str(model), lockstep=True, latency=0.0, **network)
+    bench.start(PlantNode, lockstep=True, wait_for_readers=3, seed=5)
 
 
 def closed_loop(domain: int, model: Path, policy: Path, steps: int) -> tuple[list[JointState], list[float]]:
     bench = Bench(domain)
     try:
         measurements, commands = bench.listen("joint_states"), bench.listen("joint_command")
-        bench.start(ReferenceNode, lockstep=True)
-        bench.start(EstimatorNode, model=str(model), lockstep=True, latency=0.0)
-        network = {"policy": "network", "policy_path": str(policy), "certificate": "ignore"}
-        bench.start(ControllerNode, model=str(model), lockstep=True, latency=0.0, **network)
-        bench.start(PlantNode, lockstep=True, wait_for_readers=3, seed=5)
+        start_loop(bench, model, policy)
         bench.until(lambda: len(measurements) >= steps and len(commands) >= steps)
         return measurements[:steps], [command.effort[0] for command in commands[:steps]]
     finally:
@@ -55,6 +60,32 @@ def test_a_loop_in_lockstep_repeats_to_the_last_bit(domain: int, model_folder: P
     again, commands_again = closed_loop(domain, model_folder, policy_folder, 300)
     assert commands == commands_again
     assert [message.position[0] for message in measurements] == [message.position[0] for message in again]
+
+
+@pytest.mark.parametrize("names", [["plant"], ["plant", "controller", "estimator"]])
+def test_a_loop_in_lockstep_goes_on_after_reset(
+    bench: Bench, model_folder: Path, policy_folder: Path, names: list[str]
+) -> None:
+    measurements, commands = bench.listen("joint_states"), bench.listen("joint_command")
+    start_loop(bench, model_folder, policy_folder)
+    bench.until(lambda: len(commands) >= 600)  # 3 s of the loop, more than a stamp may be late
+    for name in names:
+        assert ask(bench, Trigger, f"{name}/reset", Trigger.Request()).success
+    before = len(measurements)
+    bench.until(lambda: stamp_of(measurements[-1]) < 2 * SECOND and len(measurements) >= before + 100)
+
+
+def test_a_stop_by_hand_lasts_in_lockstep_too(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    """It has no stamp and no name, as what ros2 topic pub sends."""
+    commands, hand = bench.listen("joint_command"), bench.speak("joint_command")
+    bench.listen("joint_states")
+    start_loop(bench, model_folder, policy_folder)
+    bench.until(lambda: len(commands) >= 100 and commands[-1].effort[0] != 0.0)
+    hand.publish(joint(0, effort=[0.0]))
+    bench.until(lambda: [message.effort[0] for message in commands[-100:]] == 100 * [0.0])
+    assert ask(bench, Trigger, "controller/reset", Trigger.Request()).success
+    assert ask(bench, Trigger, "controller/arm", Trigger.Request()).success
+    bench.until(lambda: commands[-1].effort[0] != 0.0)
 
 
 # Topics

@@ -168,8 +168,12 @@ class Stage(Observation):
         return Path(shutil.copytree(shipped(rig, kind), self.folder / kind))
 
     def _spin(self) -> None:
-        # The relay stands in the loop, with the middleware's threads; the main one does not.
-        for thread in {int(name) for name in os.listdir("/proc/self/task")} - {os.getpid()} if self.priority else ():
+        # The relay stands in the loop, with the middleware's threads; the main one does not, nor writers of large
+        # messages, which have spun at this priority for ever and starved the loop.
+        threads = {int(name) for name in os.listdir("/proc/self/task")} - {os.getpid()} if self.priority else set[int]()
+        for thread in threads:
+            if Path(f"/proc/self/task/{thread}/comm").read_text().startswith("dds.asyn"):
+                continue
             os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(self.priority))
         while self.context.ok():
             with suppress(Exception):  # a publisher is destroyed, or the context ends, while it spins
