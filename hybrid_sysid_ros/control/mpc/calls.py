@@ -91,17 +91,19 @@ def plan_rest(mpc: MpcMemory, instance: Instance) -> None:
     """Plan what is left of the last plan, or the previous inputs, and from there to the hard bounds of terms, as fast
     as the limits of rates allow: a bound may have dropped too fast for a solution.
     """
-    horizon, known = mpc.horizon, True
+    horizon = mpc.horizon
     if mpc.call[0].cold != 0:
         hold(horizon, instance)
     else:
         plan_within(horizon, instance)
-    for j in range(instance.previous.shape[0]):
-        known = known and math.isfinite(instance.previous[j])
-    if known and horizon.limits.hard.any():
-        keep_hard(mpc.prediction, horizon, instance.previous, horizon.planned)
-        if mpc.call[0].cold == 0:
-            assign_rows(horizon.planned, horizon.inputs)
+    if horizon.limits.hard.any():
+        known = True
+        for j in range(instance.previous.shape[0]):
+            known = known and math.isfinite(instance.previous[j])
+        if known:
+            keep_hard(mpc.prediction, horizon, instance.previous, horizon.planned)
+            if mpc.call[0].cold == 0:
+                assign_rows(horizon.planned, horizon.inputs)
 
 
 @inner
