@@ -148,7 +148,7 @@ LEVELS = re.compile(
     r"(?=(?:[\w.-]+(?:\s+[^\W\d_/]+)?,\s*){2})",
     re.I,
 )
-"""Stairs of which each level is said, as in "staircase: 0, 4, 8 V"."""
+"""Stairs of which each level is said, as in "staircase: 0, 4, 8 rad"."""
 DICTATED = re.compile(r"\s+comma\b", re.I), re.compile(r"\s+(?:period|full stop)\W*$", re.I)
 """Marks in a dictated text, of which the last one is read as such beside others alone."""
 LOOKALIKES = str.maketrans(

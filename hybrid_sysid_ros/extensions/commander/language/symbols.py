@@ -66,7 +66,7 @@ class _Reader(ConditionReader):
         return self.found
 
     def mend(self) -> None:
-        """Put "more" behind the unit that follows it, as in "two more volts", and known words in the places of their
+        """Put "more" behind the unit that follows it, as in "two more degrees", and known words in the places of their
         slips. Raises UserError for a word that nothing resembles.
         """
         known = self.lexicon.words | self.vocabulary.words(self.lexicon.name)

@@ -97,7 +97,7 @@ class Values:
         return True
 
     def only_a_rate(self, item: Quantity) -> bool:
-        """Whether a bare value measures no output, as in "up 1 V/s until 3 V"."""
+        """Whether a bare value measures no output, as in "up 1 rad/s until 3 rad"."""
         own = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
         return item.role == "" and "to" in self.roles and not (item.unit and any(map(item.unit.alike, own)))
 
