@@ -157,12 +157,6 @@ class Estimator(ABC):
         root = self._arrays["roots"][row]
         root[:] = np.diag(np.hypot(np.linalg.norm(root, axis=1), self._arrays["start"]))
 
-    def suppose(self, noise: Array, limit: Array) -> None:
-        """Let the offset of each input drift by this deviation after one second, within these limits, (m,) each."""
-        n, m = len(self.system.states), len(self.system.inputs)
-        self._arrays["process"][n : n + m], self._arrays["high"][n : n + m] = noise**2, limit
-        self._arrays["low"][n : n + m] = -limit
-
     def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """Measured outputs (outputs,) at ``time`` [s], NaN where one is missing, and the mean inputs (inputs,) since
         the measurement before.

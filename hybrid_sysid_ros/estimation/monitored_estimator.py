@@ -76,7 +76,7 @@ class MonitorSettings:
     doubt_disturbance: bool
     """Whether a disturbance at its limit is evidence."""
     reversible: list[float]
-    """(m,): the range of an input that may act with the other sign, and a single one anywhere off, 0 for others."""
+    """(m,): 1 for an input that may act with the other sign, and is then given it, 0 for others."""
 
 
 @dataclass(slots=True)
@@ -84,7 +84,6 @@ class EstimateWatch:
     """Whether an estimate may be judged, and whether it has gone astray. period: of measurements [s]. patience: of the
     tuning. last: time of the newest measurement [s]. doubted: for how long there has been evidence against it [s].
     unjudged: updates until it is judged. diverged: whether the disturbance is at its limit. astray: begin it anew.
-    free: whether an input may be anywhere off, so that its disturbance has no limit.
     """
 
     period: float
@@ -94,13 +93,12 @@ class EstimateWatch:
     unjudged: int = 0
     diverged: bool = False
     astray: bool = False
-    free: bool = False
 
 
 @dataclass(slots=True)
 class SensorTrial:
-    """A second estimate that tries all sensors. enough: for how long it must agree with them [s]. agreed: for how long
-    it has [s], NaN where it must begin anew. away: whether it has begun at one that jumped away.
+    """A second estimate that tries all sensors while one is left out. enough: for how long it must agree with them [s].
+    agreed: for how long it has [s], NaN where it must begin anew. away: whether it has begun at one that jumped away.
     """
 
     enough: float
@@ -146,22 +144,15 @@ def watch_estimate(
     """Judge an estimate, ``elapsed`` [s] after the last judged one; limits (m,): of its disturbance (m,)."""
     watch.diverged = False
     for j in range(len(disturbance)):
-        if abs(disturbance[j]) >= limits[j] and not watch.free:
+        if abs(disturbance[j]) >= limits[j]:
             watch.diverged = True
     watch.doubted = watch.doubted + elapsed if is_contradicted(sensors) or watch.diverged else 0.0
     if watch.doubted > ASTRAY:
         watch.doubted, watch.astray = 0.0, True
 
 
-def may_try(
-    trial: SensorTrial, watch: EstimateWatch, sensors: Sequence[MonitoredSensor], shown: Floats, freely: bool
-) -> bool:
-    """Whether a second estimate has to use readings (p,): it waits for a first one, and begins anew at one that jumps.
-    freely: an input may be free in it, so that any contradiction is reason enough.
-    """
-    if not (is_any_left_out(sensors) or watch.free or (freely and is_contradicted(sensors))):
-        trial.agreed = math.nan
-        return False
+def may_try(trial: SensorTrial, sensors: Sequence[MonitoredSensor], shown: Floats) -> bool:
+    """Whether a second estimate can use readings (p,): it waits for a first one, and begins anew at one that jumps."""
     any_shown = away = False
     for k in range(len(sensors)):
         away = away or sensors[k].away
@@ -187,8 +178,7 @@ class MonitoredEstimator:
     Where several jump at once, and the rig can't rest, none is used for a while: the model goes on alone.
 
     While a sensor is left out, a second estimator of all sensors begins anew whenever they contradict it. It takes the
-    place of the first one when it has agreed for AGREED seconds: so a sensor is tried without spoiling the estimate. A
-    single input that may be reversed is free in it, to be off by anything; then one in which it is not is the second.
+    place of the first one when it has agreed for AGREED seconds: so a sensor is tried without spoiling the estimate.
     One that jumped must jump back before, or agree for PROBATION: an estimate that begins at it has nothing against a
     slow state that is wrong.
 
@@ -209,12 +199,8 @@ class MonitoredEstimator:
         """
         self.system, self.tuning, self.settings = system, tuning, settings
         self._kind, self._period, self._latency = kind, period, latency
-        known, reversible = tuning.checked(system), np.array(settings.reversible)
-        usual = np.array([known.disturbance_noise, known.disturbance_limit])
-        self.limits = NEARLY * usual[1]
+        self.limits = NEARLY * np.array(tuning.checked(system).disturbance_limit)
         self.limits[~(self.limits > 0.0) | (not settings.doubt_disturbance)] = math.inf
-        self.offsets = usual, np.where(reversible > 0.0, reversible, usual)
-        self.frees = sum(map(bool, settings.reversible)) == 1  # two would explain any sensor
         self._spare = spare_sensors(system, tuning, step=system.sampling_time or LONGEST_STEP)
         others = {channel.of for channel in tuning.channels.values()}
         self._covered = [item.name in others for item in system.outputs]
@@ -267,7 +253,7 @@ class MonitoredEstimator:
         estimate = self.filter.update(time, self.outputs, acting)
         if elapsed := time_to_judge(watch, time):
             self._judge(estimate, applied, elapsed)
-            if self.trial is not None and may_try(self.tried, watch, sensors, shown, self.frees):
+            if self.trial is not None and is_any_left_out(sensors) and may_try(self.tried, sensors, shown):
                 estimate = self._try_again(self.trial, time, acting, elapsed) or estimate
             if (
                 self.rivals
@@ -300,7 +286,6 @@ class MonitoredEstimator:
         tried, second = self.tried, self.agreement
         if math.isnan(tried.agreed):
             whole.reset()
-            whole.suppose(*self.offsets[self.frees and not self.watch.free])
             renew(second.sensors)
             tried.agreed = 0.0
         estimate = whole.update(time, self.shown, applied)
@@ -309,7 +294,6 @@ class MonitoredEstimator:
             return None
         whole.counters, self.filter.counters = self.filter.counters, whole.counters
         self.filter, self.trial = whole, self.filter
-        self.watch.free, tried.agreed = self.frees and not self.watch.free, math.nan
         readmit(self.monitor.sensors)
         return estimate
 
@@ -319,7 +303,6 @@ class MonitoredEstimator:
         if math.isnan(reversal.product):
             for rival in self.rivals:
                 rival.reset()
-                rival.suppose(*self.offsets[False])
             begin_trial(reversal, judge.sensors)
         turned = acting.copy()
         turn_input(turned, reversal.tried)  # type: ignore[arg-type]
@@ -332,7 +315,7 @@ class MonitoredEstimator:
         other.counters, self.filter.counters = self.filter.counters, other.counters
         self.filter, self.rivals[1] = other, self.filter
         believe_other(reversal, self.monitor.sensors)
-        self.watch.doubted, self.watch.free, self.tried.agreed = 0.0, False, math.nan
+        self.watch.doubted, self.tried.agreed = 0.0, math.nan
         return estimates[1]
 
     def expected(self, estimate: StateEstimate, applied: Array) -> Array:

@@ -43,8 +43,8 @@ REFINED, FINER = (0.3, 1.0), (5, 4, 6, 3, 2)
 which are short enough for a still finer one; and the parts into which a longer step is cut, the first that fit the
 records' sampling.
 """
-WORSE = 1.5
-"""Error of a fit at a finer step, in that of the fit before, from which it has lost the way."""
+WORSE, LOST = 1.5, 0.3
+"""Relative error of a fit at a finer step, in that of the fit before and in itself, from which it has lost the way."""
 
 
 def identify(
@@ -166,7 +166,7 @@ def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
         held = [item.name for item in fitted.system.parameters if not item.fixed and item.name not in fitted.names]
         given: dict[str, Any] = {"stages": (None,), "hold": held, "starts": 1, "again": True, "unstable": windows}
         found = refined.fit_physics([fitted.system], **given)
-        if found.relative_error > WORSE * fitted.relative_error:
+        if found.relative_error > max(WORSE * fitted.relative_error, LOST):
             break  # runs past an unstable point: at another step they end elsewhere
         seconds, evaluations = fitted.seconds + found.seconds, fitted.evaluations + found.evaluations
         context, fitted = refined, replace(found, seconds=seconds, evaluations=evaluations)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
@@ -20,10 +18,9 @@ that are small are no reason to doubt: a simulated sensor may have no noise at a
 
 
 def _reversible(rig: Rig) -> list[float]:
-    """Ranges of a stabiliser's inputs: a rig that has none can rest, and a sensor that is wrong looks alike there."""
+    """Inputs of a stabiliser: a rig that has none can rest, and a sensor with the wrong sign looks the same there."""
     gains = rig.experiments.stabiliser
-    used = np.zeros(len(rig.actuators)) if gains is None else np.any(gains != 0.0, axis=1)
-    return (used * (rig.limits[1] - rig.limits[0])).tolist()
+    return [0.0 if gains is None or not gains[j].any() else 1.0 for j in range(len(rig.actuators))]
 
 
 def estimator_of(

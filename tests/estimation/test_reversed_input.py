@@ -8,9 +8,7 @@ import pytest
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.core.rollout import one_step
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
-from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
 from hybrid_sysid_ros.estimation.reversed_input import (
     CONSISTENT,
@@ -26,7 +24,7 @@ from hybrid_sysid_ros.estimation.reversed_input import (
 from hybrid_sysid_ros.estimation.sensor_monitor import SensorMonitor
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
-PERIOD, NOISE, PUSH, RANGE = 0.01, 0.001, 2.0, 20.0
+PERIOD, NOISE, PUSH = 0.01, 0.001, 2.0
 
 
 class PushedCart(System):
@@ -40,7 +38,7 @@ class PushedCart(System):
         return x[1], u[0]
 
 
-def estimator(reversible=RANGE):
+def estimator(reversible=1.0):
     return MonitoredEstimator(
         ExtendedKalmanFilter,
         PushedCart(),
@@ -83,41 +81,6 @@ def test_without_a_fault_and_for_a_sensor_s_offset_no_input_is_reversed():
     found = estimator()
     driven(found, signs=[1.0] * 200)
     assert (driven(found, signs=[1.0] * 200, first=200, bias=0.5)[0] == NONE).all()
-
-
-def disturbed(found, *, offset=0.0, bias=0.0):
-    """Errors of input and speed, and whether inputs are free, sample by sample of 5 s. From 1 to 3 s an offset of the
-    input grows at 5 m/s^2 a second, and a bias of the speed at .5 m/s a second, to these values.
-    """
-    random, state, errors, free = np.random.default_rng(0), np.zeros(2), [], []
-    for k in range(500):
-        since = PERIOD * (k - 100) if 100 <= k < 300 else 0.0
-        off = min(5.0 * since, offset)
-        readings = state + NOISE * random.standard_normal(2) + np.array([0.0, min(0.5 * since, bias)])
-        estimate = found.update(k * PERIOD, readings, np.zeros(1))
-        errors.append([estimate.disturbance[0] - off, estimate.state[1] - state[1]])
-        free.append(found.watch.free)
-        for _ in range(round(PERIOD / LONGEST_STEP)):
-            state = one_step(found.system, state, np.array([off]), step=LONGEST_STEP)
-    return *np.abs(errors).T, np.array(free)
-
-
-def test_an_input_that_creeps_away_is_followed_far_beyond_its_usual_offset():
-    """Which drifts by .1 m/s^2 after a second, and ends at 1."""
-    offsets, speeds, free = disturbed(found := estimator(), offset=4.0)
-    assert free[160:300].all(), "within .6 s"
-    assert offsets[160:299].max() < 0.05 * RANGE
-    assert speeds[160:299].max() < 5.0 * NOISE
-    assert not any(found.monitor.left_out)
-    assert not free[:100].any()
-    assert not free[340:].any(), "as usual once it is right again"
-
-
-def test_a_sensor_that_drifts_is_no_input_that_creeps_away():
-    _, speeds, free = disturbed(found := estimator(), bias=0.5)
-    assert found.monitor.counts == [0, 1]
-    assert not free[100:300].any()
-    assert speeds[150:].max() < 0.05
 
 
 def test_an_input_that_may_not_be_reversed_is_not_tried():

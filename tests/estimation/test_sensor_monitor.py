@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.estimation.frozen_sensor import frozen_detectors, is_frozen
-from hybrid_sysid_ros.estimation.monitored_estimator import (
-    PROBATION,
-    EstimateWatch,
-    SensorTrial,
-    agrees,
-    may_try,
-    screen,
-)
+from hybrid_sysid_ros.estimation.monitored_estimator import PROBATION, SensorTrial, agrees, may_try, screen
 from hybrid_sysid_ros.estimation.observability import spare_sensors
 from hybrid_sysid_ros.estimation.sensor_monitor import SensorMonitor
 from hybrid_sysid_ros.estimation.sensor_monitoring import AVERAGE, BLAMELESS, MISSING, STAYS, readmit
@@ -197,17 +190,16 @@ def test_two_that_drift_away_or_of_a_rig_that_rests_are_used(alone):
 @pytest.mark.parametrize(("away", "enough"), [(False, 0.2), (True, PROBATION)])
 def test_a_sensor_that_jumped_must_agree_for_longer_before_it_is_used_again(away, enough):
     """One that drifted unseen, and is right again, has jumped as well."""
-    found, second, tried, watch = monitor(), monitor(spare=(False, False)), SensorTrial(0.2), EstimateWatch(STEP, 5)
-    assert not may_try(tried, watch, found.sensors, [3.0, 4.0], False), "none is left out"
-    found.sensors[0].left_out, found.sensors[0].away = True, away
-    assert may_try(tried, watch, found.sensors, [3.0, 4.0], False)
+    found, second, tried = monitor(), monitor(spare=(False, False)), SensorTrial(0.2)
+    found.sensors[0].away = away
+    assert may_try(tried, found.sensors, [3.0, 4.0])
     tried.agreed, count = 0.0, 1
     while not agrees(tried, second.record, second.sensors, [3.0, 4.0], [1.0, 1.0], STEP):
-        assert may_try(tried, watch, found.sensors, [3.0, 4.0], False)
+        assert may_try(tried, found.sensors, [3.0, 4.0])
         count += 1
     assert count * STEP == pytest.approx(enough, abs=2 * STEP)
     found.sensors[0].away = not away
-    assert may_try(tried, watch, found.sensors, [3.0, 4.0], False)
+    assert may_try(tried, found.sensors, [3.0, 4.0])
     assert math.isnan(tried.agreed), "it begins anew at a sensor that jumps"
 
 

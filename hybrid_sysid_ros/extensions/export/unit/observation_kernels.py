@@ -80,8 +80,11 @@ def observe(loop: PrintedLoop, time: float) -> bool:
         elapsed = time_to_judge(watch, time)
         if elapsed > 0.0:
             _watch(loop, elapsed)
-            freely = len(monitor.usual_noise) > 0
-            if len(monitor.trial) > 0 and may_try(monitor.trial[0], watch, sensors, monitor.shown, freely):
+            if (
+                len(monitor.trial) > 0
+                and is_any_left_out(sensors)
+                and may_try(monitor.trial[0], sensors, monitor.shown)
+            ):
                 _try_again(loop, time, elapsed)
             if (
                 len(reversal) > 0
@@ -149,16 +152,12 @@ def _try_again(loop: PrintedLoop, time: float, elapsed: float) -> None:
     exchange(loop, TRIAL)
     if math.isnan(tried.agreed):
         forget_estimate(loop)
-        suppose(loop, not monitor.watch[0].free)
         renew(monitor.agreement)
         tried.agreed = 0.0
     copy(monitor.shown, loop.outputs)
     estimate(loop, time)
     normalised = out[first : first + core.outputs]
     if agrees(tried, monitor.core[0], monitor.agreement, monitor.shown, normalised, elapsed):
-        tried.agreed = math.nan
-        if len(monitor.usual_noise) > 0:
-            monitor.watch[0].free = not monitor.watch[0].free
         readmit(monitor.sensors)
         _take_over(loop)
     else:
@@ -186,7 +185,7 @@ def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
         trial, monitor.core[0], monitor.judge, monitor.shown, own, out[first : first + core.outputs], elapsed
     ):
         believe_other(trial, monitor.sensors)
-        monitor.watch[0].doubted, monitor.watch[0].free = 0.0, False
+        monitor.watch[0].doubted = 0.0
         if len(monitor.trial) > 0:
             monitor.trial[0].agreed = math.nan
         _take_over(loop)
@@ -203,25 +202,11 @@ def _update_rival(loop: PrintedLoop, time: float, anew: bool) -> None:
     p, gate, first = core.outputs, core.gate, 2 * core.states + core.inputs + core.followed
     if anew:
         forget_estimate(loop)
-        suppose(loop, False)
     copy(loop.monitor.shown, loop.outputs)
     core.gate = math.inf
     estimate(loop, time)
     core.gate = gate
     signed_roots(out[first : first + p], out[first + p + 1 : first + 2 * p + 1])
-
-
-def suppose(loop: PrintedLoop, free: bool) -> None:
-    """Let the offset of the input that may be reversed be free, or what it usually is."""
-    core, monitor = loop.memory[0][0], loop.monitor
-    if len(monitor.usual_noise) > 0:
-        process, low, high = numbers_at(core.process), numbers_at(core.low), numbers_at(core.high)
-        for j in range(core.inputs):
-            noise, limit = monitor.usual_noise[j], monitor.usual_limit[j]
-            if free and monitor.reversible[j] > 0.0:
-                noise = limit = monitor.reversible[j]
-            process[core.states + j] = noise * noise
-            low[core.states + j], high[core.states + j] = -limit, limit
 
 
 def _times_left_out(loop: PrintedLoop) -> int:

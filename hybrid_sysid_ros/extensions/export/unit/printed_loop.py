@@ -28,13 +28,8 @@ reversed: of the estimate.
 """
 STAMPS = np.dtype([("started", "i8"), ("last", "f8"), ("newest", "f8")])
 """Of an estimate: whether it has begun, stamps [s] of its last measurement and of the newest one."""
-FILTER = (
-    *("stamps", "core", "moments", "readings", "past", "belief_means", "belief_roots", "belief_applied"),
-    *("belief_process", "belief_low", "belief_high"),
-)
-"""Arrays that an estimate remembers from one measurement to the next, and the limits and noise of its offsets; each
-further estimate has its own.
-"""
+FILTER = ("stamps", "core", "moments", "readings", "past", "belief_means", "belief_roots", "belief_applied")
+"""Arrays that an estimate remembers from one measurement to the next; each further estimate has its own."""
 
 WAITING, RESTED = 0, 7
 """The status while there is no estimate, and while the guard rests the inputs; the others are those of

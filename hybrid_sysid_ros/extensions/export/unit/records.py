@@ -82,11 +82,7 @@ class SensorWatch(NamedTuple):
     judge: Any
     """(p,), the sensors as the estimate with the other sign judges them; (0,)."""
     reversible: Array
-    """(m,): the range of an input that may be, 0 for others."""
-    usual_noise: Array
-    """(m,): of the offsets of inputs; (0,) where none is ever free."""
-    usual_limit: Array
-    """The same."""
+    """(m,): 1 for an input that may be."""
     estimates: int
     """How many there are in all."""
 
@@ -95,7 +91,6 @@ def watch_records(estimator: MonitoredEstimator) -> SensorWatch:
     """The memory of what watches an estimate."""
     monitor, count = estimator.monitor, 0 if estimator.trial is None else 1
     competing = 1 if estimator.rivals else 0
-    usual_noise, usual_limit = estimator.offsets[0][:, : len(estimator.limits) * estimator.frees].copy()
     return SensorWatch(
         core=records([monitor.record]),
         watch=records([estimator.watch]),
@@ -109,7 +104,5 @@ def watch_records(estimator: MonitoredEstimator) -> SensorWatch:
         reversal=records([estimator.reversal])[:competing],
         judge=records(estimator.judge.sensors)[: competing * len(monitor.sensors)],
         reversible=np.array(estimator.settings.reversible, dtype=float),
-        usual_noise=usual_noise.copy(),
-        usual_limit=usual_limit.copy(),
         estimates=4 if competing else 1 + count,
     )

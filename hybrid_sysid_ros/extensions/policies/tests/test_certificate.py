@@ -97,15 +97,15 @@ def test_an_interrupted_certification_goes_on(broken, tmp_path):
     trial, store = trial_of(broken), tmp_path / "half"
 
     def interrupt(stage, done, of):
-        if done >= 64:
+        if done >= 256:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        certify(trial, loops=100, workers=1, store=store, progress=interrupt)
+        certify(trial, loops=300, workers=1, store=store, progress=interrupt)
     assert len(list(store.iterdir())) == 2
-    found = certify(trial, loops=100, workers=1, store=store)
+    found = certify(trial, loops=300, workers=1, store=store)
     assert not store.exists()
-    whole = certify(trial, loops=100, workers=1)
+    whole = certify(trial, loops=300, workers=1)
     assert (found.failed, found.worst) == (whole.failed, whole.worst)
 
 
