@@ -163,7 +163,7 @@ def test_a_score_begins_as_it_is_asked_to(command, linear_model):
 def test_runs_that_are_numbered_behind_a_dot_are_two(command, tmp_path):
     runs = [tmp_path / "run.1", tmp_path / "run.2", tmp_path / "again" / "run.1"]
     for run in runs:
-        shutil.copytree(MULTISINE if run.suffix == ".1" else MULTISINE.with_name("beam_random_steps"), run)
+        shutil.copytree(MULTISINE if run.suffix == ".1" else BAGS / "beam_random_steps", run)
     arguments = ["--structure", "linear", "--part", "0:0.2", "--out", tmp_path / "model"]
     status, out, error = command("identify", *runs[:2], *arguments)
     assert status == 0, error

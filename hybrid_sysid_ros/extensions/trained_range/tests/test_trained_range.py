@@ -165,7 +165,7 @@ def test_evaluate_says_before_all_else_whether_a_model_was_trained_for_a_record(
     assert len(json.dumps(content["fit"]["trained_range"])) < 8000
     status, out, error = command("evaluate", linear_model, bags / "beam_random_steps")
     assert status == 0, error
-    assert out.startswith("beam_random_steps: trained: ")
+    assert out.startswith("beam_random_steps: partly trained: ")
     _, out, _ = command("evaluate", linear_model, bags / "beam_random_steps", "--json")
     found = json.loads(out)["records"]["beam_random_steps"]["trained_range"]
     assert found["verdict"] in found["sentence"]
