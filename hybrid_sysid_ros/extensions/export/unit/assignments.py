@@ -19,6 +19,7 @@ from hybrid_sysid_ros.extensions.export.unit.translation import (
 )
 from hybrid_sysid_ros.extensions.export.unit.values import (
     ATOM,
+    LANE,
     REAL,
     ArrayView,
     KnownValue,
@@ -99,7 +100,7 @@ class Assignments(Expressions):
             isinstance(value, ArrayView | RecordValue) and not self._moves(value.text)
         ):
             self.values[name] = value
-        elif name in self._inside and not isinstance(value, LaneValues):
+        elif name in self._inside:
             self._declare(name, value)
         else:
             self.set_variable(name, value)
@@ -112,6 +113,9 @@ class Assignments(Expressions):
             case NumberValue(kind=kind):
                 self.line(f"const {self._type(kind)} {own} = {value.text};")
                 self.values[name] = NumberValue(kind, own)
+            case LaneValues(count=count):
+                self.on_lanes(count, f"const {self._type(REAL)} {own}{LANE} = {value.text};")
+                self.values[name] = LaneValues(count, f"{own}{LANE}")
             case ArrayView() | RecordValue():
                 place = Origin(own)
                 place.take(value.place)
@@ -155,9 +159,9 @@ class Assignments(Expressions):
                 self.values[name] = before
             case LaneValues(count=count):
                 if not isinstance(before, LaneValues):
-                    before = LaneValues(count, f"{own}[lane]")
-                    self.made.variables[own] = ArrayView(REAL, (count,), own, Origin(own))
-                self.line(f"{self.over_lanes(count)} {own}[lane] = {value.text};")
+                    before = LaneValues(count, f"{own}{LANE}")
+                    self.made.variables[own] = before
+                self.on_lanes(count, f"{before.text} = {value.text};")
                 self.values[name] = before
             case _:
                 raise cannot(f"the variable {name}", self.where)
@@ -249,8 +253,10 @@ class Assignments(Expressions):
         name = next((key for key, value in self.values.items() if value is view), "")
         return self.counts[name] <= 1
 
-    def over_lanes(self, count: int) -> str:
-        return f"for (int lane = 0; lane < {count}; lane++)"
+    def on_lanes(self, count: int, text: str) -> None:
+        """A line for each of several numbers: an array of them would go through memory."""
+        for lane in range(count):
+            self.line(text.replace(LANE, str(lane)))
 
     def fresh(self, name: str) -> str:
         self._temporaries += 1
@@ -293,11 +299,11 @@ class Assignments(Expressions):
         assert isinstance(value, LaneValues)
         own = self.fresh("lanes")
         self.made.variables[own] = view = ArrayView(REAL, (value.count,), own, Origin(own))
-        self.line(f"{self.over_lanes(value.count)} {own}[lane] = {value.text};")
+        self.on_lanes(value.count, f"{own}[{LANE}] = {value.text};")
         return view
 
     def lanes_of(self, made: TranslatedFunction, texts: list[str], count: int) -> LaneValues:
         own = self.fresh("lanes")
         self.made.variables[own] = ArrayView(REAL, (count,), own, Origin(own))
         self.line(f"{made.name}(${made.name}${', ' if texts else ''}{', '.join([*texts, own])});")
-        return LaneValues(count, f"{own}[lane]")
+        return LaneValues(count, f"{own}[{LANE}]")

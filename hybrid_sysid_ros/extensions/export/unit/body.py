@@ -14,6 +14,7 @@ from hybrid_sysid_ros.extensions.export.unit.names import safe
 from hybrid_sysid_ros.extensions.export.unit.translation import is_known, parameter
 from hybrid_sysid_ros.extensions.export.unit.values import (
     INT,
+    LANE,
     REAL,
     SUM,
     ArrayView,
@@ -172,7 +173,7 @@ class FunctionBody(Assignments):
                 self.line(f"return {value.text};")
                 self._result(value)
             case LaneValues(count=count):
-                self.line(f"{self.over_lanes(count)} result[lane] = {value.text};")
+                self.on_lanes(count, f"result[{LANE}] = {value.text};")
                 self._result(value)
             case _:
                 before = self.made.result

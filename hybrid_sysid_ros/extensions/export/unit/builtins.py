@@ -16,6 +16,7 @@ from hybrid_sysid_ros.extensions.export.unit.observation_kernels import exchange
 from hybrid_sysid_ros.extensions.export.unit.values import (
     BOOL,
     INT,
+    LANE,
     PRODUCT,
     REAL,
     SUM,
@@ -245,7 +246,7 @@ def _exchange(body: FunctionBody, loop: Value, which: Value) -> None:
 @_of(registers.load_numbers)
 def _load(body: FunctionBody, memory: Value, at: Value, lanes: Value) -> Value:
     view = body.memory_of(memory)
-    return LaneValues(lanes.value, f"{bracketed(view, 9)}[{bracketed(body.number(at), SUM)} + lane]")  # type: ignore[union-attr]
+    return LaneValues(lanes.value, f"{bracketed(view, 9)}[{bracketed(body.number(at), SUM)} + {LANE}]")  # type: ignore[union-attr]
 
 
 @_of(registers.store)
@@ -253,8 +254,9 @@ def _store(body: FunctionBody, memory: Value, at: Value, register: Value) -> Non
     view = body.memory_of(memory)
     view.place.write()
     assert isinstance(register, LaneValues)
-    place = f"{bracketed(view, 9)}[{bracketed(body.number(at), SUM)} + lane]"
-    body.line(f"for (int lane = 0; lane < {register.count}; lane++) {place} = {register.text};")
+    body.on_lanes(
+        register.count, f"{bracketed(view, 9)}[{bracketed(body.number(at), SUM)} + {LANE}] = {register.text};"
+    )
 
 
 @_of(registers.zero)

@@ -12,6 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout, element, members
 from hybrid_sysid_ros.extensions.export.unit.translation import TranslatedFunction, Translation
 from hybrid_sysid_ros.extensions.export.unit.values import (
+    LANE,
     REAL,
     ArrayView,
     LaneValues,
@@ -185,7 +186,7 @@ class Printer:
         given += [self._declared(name, value) for name, value in item.parameters]
         match item.result:
             case None | LaneValues():
-                kind = "void "
+                kind = f"{self.rig.upper()}_APART void " if item.result else "void "
                 given += [f"{self.translator.type_of(REAL)} *result"] if item.result else []
             case NumberValue(kind=own):
                 kind = f"{self.translator.type_of(own)} "
@@ -199,7 +200,8 @@ class Printer:
         lines.append("{")
         text = "\n".join(item.lines)
         for name, value in item.variables.items():
-            if re.search(rf"\b{name}\b", text):
+            first = value.text.replace(LANE, "0") if isinstance(value, LaneValues) else name
+            if re.search(rf"\b{first}\b", text):
                 lines.append(self._variable(name, value))
                 lines += [f"    (void){name};"] if name in item.unused else []
         lines += [line for line in item.lines if line]
@@ -225,6 +227,9 @@ class Printer:
                 return f"    {self.translator.pointer(kind, place)}{name} = 0;"
             case StructureValue(type=kind):
                 return f"    {kind} {name};"
+            case LaneValues(count=count):
+                names = ", ".join(f"{name}{lane}" for lane in range(count))
+                return f"    {self.translator.type_of(REAL)} {names};"
         return f"    {self.translator.type_of(value.kind)} {name} = 0;"
 
     @staticmethod

@@ -17,6 +17,7 @@ import numpy as np
 
 from hybrid_sysid_ros.extensions.export.unit.layout import MemoryLayout
 from hybrid_sysid_ros.extensions.export.unit.values import (
+    LANE,
     REAL,
     ArrayView,
     KnownValue,
@@ -150,7 +151,7 @@ def parameter(name: str, value: Value) -> Value:
         case RecordValue(kind=kind):
             return RecordValue(kind, name, Origin(name))
         case LaneValues(count=count):
-            return LaneValues(count, f"{name}[lane]")
+            return LaneValues(count, f"{name}[{LANE}]")
         case StructureValue(type=kind, names=names, kinds=kinds):
             return StructureValue(kind, names, kinds, name)
     raise cannot(f"an argument {value}", name)

@@ -12,6 +12,9 @@ from hybrid_sysid_ros.support.errors import UserError
 ATOM, PRODUCT, SUM, ORDER, EQUAL, AND, OR, CHOICE = 9, 7, 6, 5, 4, 3, 2, 1
 """How tightly an expression holds together."""
 
+LANE = "#"
+"""What stands for the index of one of several numbers side by side."""
+
 REAL, INT, BOOL = "real", "int", "bool"
 """Kinds of numbers. In C the first is float or double, and the others are int."""
 
@@ -108,7 +111,7 @@ class StructureValue:
 
 @dataclass(frozen=True)
 class LaneValues:
-    """Several numbers that are computed side by side, by a text for one of them, whose index is ``lane``."""
+    """Several numbers that are computed side by side, by a text for one of them, in which LANE stands for its index."""
 
     count: int
     text: str

@@ -13,6 +13,13 @@
 #error "-ffast-math (-ffinite-math-only) takes away the test for what is not a number: compile without it"
 #endif
 
+/* A function of numbers side by side: they stay in vector registers where it is no part of another one. */
+#if defined(__GNUC__)
+#define @{NAME}_APART __attribute__((noinline))
+#else
+#define @{NAME}_APART
+#endif
+
 @structures
 @tables
 /* As Python has them: the first stays where one is not a number. */
