@@ -37,6 +37,10 @@ UNSTABLE_GAIN = 0.1
 """Share of the squared error by which an unstable model has to be better than the best that is not: noise takes an
 integrator for a pole on either side of the circle.
 """
+WORSE = 1.1
+"""Ratio of what free runs miss to what the fit misses from which lower orders are tried: states at the beginning then
+explain what inputs do not, as a mode that hardly decays does by going on through the whole record.
+"""
 Progress = Callable[[str, int, float], None]
 
 
@@ -80,27 +84,13 @@ def identify_state_space(
     with alone():
         stretches, scales = _scaled(records)
         stretches, selection, dead = _with_dead_time(stretches, settings, records[0].sampling.initial_samples, tell)
-        start = _start(stretches, selection)
-        order = selection.order
-        linear = Sizes(states=order, inputs=len(inputs), outputs=len(outputs))
-        met = min(_mean_square(start, stretches), selection.error**2)
-        calmed = [*stretches, calm(start.level, met, len(inputs))]
-        best = _refined(weights_of(start, linear), linear, calmed, selection, settings, "linear", tell)
-        best = without_last(best, linear, stretches)
-        if linear_radius(best.weights, linear) > 1.0:
-            held = shrunk(best.weights, linear, 1.0)
-            calmer = _refined(held, linear, calmed, selection, settings, "stable", tell, widest=1.0)
-            calmer = without_last(calmer, linear, stretches)
-            if calmer.mean_square < (1.0 + UNSTABLE_GAIN) * best.mean_square:
-                best = replace(calmer, evaluations=best.evaluations + calmer.evaluations)
-        count, sizes = best.evaluations, replace(linear, units=settings.units, power=settings.power)
 
-        def system_of(fit: Refined) -> StateSpace:
+        def system_of(fit: Refined, sizes: Sizes) -> StateSpace:
             return StateSpace(
                 period=records[0].sampling.period,
                 outputs=outputs,
                 inputs=inputs,
-                order=order,
+                order=sizes.states,
                 units=sizes.units,
                 power=sizes.power,
                 dead=dead,
@@ -109,17 +99,46 @@ def identify_state_space(
                 map_weights=unit_states(fit.weights, sizes, stretches, fit.firsts)[0],
             )
 
+        def missed(found: tuple[Refined, Sizes]) -> float:
+            return _free_runs(system_of(*found), records)
+
+        fits = [_linear(stretches, selection, settings, tell)]
+        if not settings.order and missed(fits[0]) > WORSE * fits[0][0].mean_square:
+            lower = [item.order for item in selection.trials if item.order < selection.order]
+            fits += [_linear(stretches, replace(selection, order=order), settings, tell) for order in lower]
+        count = sum(fit.evaluations for fit, _ in fits)
+        best, linear = min(fits, key=missed)
         if settings.units:
-            fits = []
+            sizes, fits = replace(linear, units=settings.units, power=settings.power), []
             for number in range(settings.starts):
                 first_guess = _with_units(best, linear, sizes, np.random.default_rng([seed, number]))
                 stage = f"units, beginning {number + 1}"
-                fits.append(_refined(first_guess, sizes, stretches, selection, settings, stage, tell, best.firsts))
-            best = min(fits, key=lambda fit: _free_runs(system_of(fit), records))
-            count += sum(fit.evaluations for fit in fits)
-        system = system_of(best)
+                fit = _refined(first_guess, sizes, stretches, selection, settings, stage, tell, best.firsts)
+                fits.append((fit, sizes))
+            count += sum(fit.evaluations for fit, _ in fits)
+            best, linear = min(fits, key=missed)
+        system = system_of(best, linear)
     seconds = time.perf_counter() - began
     return Fit(system=system, relative_error=float(np.sqrt(best.mean_square)), seconds=seconds, evaluations=count)
+
+
+def _linear(
+    stretches: Sequence[subspace.Stretch], selection: Selection, settings: StateSpaceSettings, tell: Progress
+) -> tuple[Refined, Sizes]:
+    """The linear model of an order: a stable one where it is not much worse."""
+    start = _start(stretches, selection)
+    sizes = Sizes(states=selection.order, inputs=stretches[0][0].shape[1], outputs=stretches[0][1].shape[1])
+    met = min(_mean_square(start, stretches), selection.error**2)
+    calmed = [*stretches, calm(start.level, met, sizes.inputs)]
+    best = _refined(weights_of(start, sizes), sizes, calmed, selection, settings, "linear", tell)
+    best = without_last(best, sizes, stretches)
+    if linear_radius(best.weights, sizes) > 1.0:
+        held = shrunk(best.weights, sizes, 1.0)
+        calmer = _refined(held, sizes, calmed, selection, settings, "stable", tell, widest=1.0)
+        calmer = without_last(calmer, sizes, stretches)
+        if calmer.mean_square < (1.0 + UNSTABLE_GAIN) * best.mean_square:
+            best = replace(calmer, evaluations=best.evaluations + calmer.evaluations)
+    return best, sizes
 
 
 def _free_runs(system: StateSpace, records: Sequence[PreparedRecord]) -> float:

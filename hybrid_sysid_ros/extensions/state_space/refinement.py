@@ -105,7 +105,8 @@ def refine(
     Raises UserError where the first simulation diverges.
 
     A hidden layer is bounded. So where the linear part is stable, states are bounded whatever comes; where it is not,
-    they run away from where the layer saturates, which the records may not show. No step makes a stable one unstable.
+    they run away from where the layer saturates, which the records may not show. Poles of a stable
+    one stay within the unit circle.
 
     The tangent-linear model gives the derivatives; the first states are eliminated from the normal equations.
     """
@@ -115,7 +116,7 @@ def refine(
     total = sum(outputs.size for _, outputs in stretches)
     held = ridge * total * ((free >= sizes.units_at) & (free < sizes.readout_at)).astype(np.float64)
     weights, damping, failed, slow, evaluations = _rescaled(weights, sizes, starts, stretches), 1e-3, 0, 0, 1
-    most = max(1.0, linear_radius(weights, sizes)) if sizes.units else np.inf
+    widest = min(widest, max(1.0, linear_radius(weights, sizes))) if sizes.units else widest
     cost, system = _normal(weights, sizes, stretches, starts, free, roles)
     if not np.isfinite(cost):
         raise UserError("state space: the model that it begins with diverges; take another order")
@@ -129,7 +130,7 @@ def refine(
         with np.errstate(over="ignore", invalid="ignore"):
             found += float(held @ trial[free] ** 2)
         evaluations += 1
-        if not (found < cost and linear_radius(trial, sizes) <= most):
+        if not found < cost:
             damping, failed = damping * 8.0, failed + 1
             if failed > PATIENCE:
                 break

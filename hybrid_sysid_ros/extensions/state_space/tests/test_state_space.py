@@ -209,6 +209,34 @@ def test_an_integrator_in_noise_is_not_fitted_as_what_runs_away(order, noise, se
     assert all(other.radius < 1.0 + 1e-9 for other in without)
 
 
+def saturating_drive(seed, samples=1500):
+    """x+ = .8 x + .25 tanh(u) (1 + .3 x) - .05 x^3, of which any linear model has slow errors."""
+    random = np.random.default_rng(seed)
+    u, x, filled = np.empty(samples), np.zeros(samples), 0
+    while filled < samples:
+        held = int(random.integers(3, 30))
+        u[filled : filled + held], filled = random.uniform(-2.5, 2.5), filled + held
+    for k in range(samples - 1):
+        x[k + 1] = 0.8 * x[k] + 0.25 * np.tanh(u[k]) * (1.0 + 0.3 * x[k]) - 0.05 * x[k] ** 3
+    return prepared(u[:, None], (x + 0.01 * random.normal(size=samples))[:, None])
+
+
+def missed(record, **settings):
+    given = Variable(name="y", unit="1"), Variable(name="u", unit="1")
+    system = identify_state_space([record], (given[0],), (given[1],), StateSpaceSettings(**settings)).system
+    assert isinstance(system, StateSpace)
+    return _free_runs(system, [record])
+
+
+def test_an_order_is_not_chosen_for_modes_that_its_first_states_alone_move():
+    record = saturating_drive(seed=16)
+    assert missed(record) < missed(record, order=2)
+
+
+def test_units_move_although_the_linear_part_stands_on_the_circle():
+    assert missed(saturating_drive(seed=1), order=4, units=4, starts=1) < 1e-3
+
+
 def test_a_block_is_left_out_of_a_fit_that_goes_on_without_it():
     (y,), (u,) = ((Variable(name=name, unit="V"),) for name in "yu")
     record, _ = smooth_and_steps(2)
