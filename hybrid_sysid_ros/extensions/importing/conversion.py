@@ -28,6 +28,7 @@ from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, further, rig_factor, seconds_of
 from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped
+from hybrid_sysid_ros.library.arguments import given_sampling
 from hybrid_sysid_ros.models.plausibility import check_limits, check_travel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -99,7 +100,7 @@ class _Conversion:
         }
         stamps = sampling_stamps(known, rows[0], str(file.path))
         self.notes += stamps.notes
-        self.grid: SampleGrid = grid_of(stamps, self.what(times[0]))
+        self.grid: SampleGrid = grid_of(stamps, self.what(times[0]), scored=given_sampling(None, rig).period)
         check_size(self.path, len(self.grid.times) * (len(mapping.signals) + 1))
 
     def what(self, column: str) -> str:

@@ -19,6 +19,10 @@ SAMPLES_PER_PIECE = 20
 """Fewest samples of a piece between two long gaps that is kept."""
 NEAR = 0.75
 """Distance [sampling times] of a sample from the nearest stamp above which it counts as missing."""
+COMMON = 0.05
+"""Share by which the mean step of uneven stamps may be off a whole part of the rig's scored period to be sampled so: a
+logger's records differ by less, and a model of one is to judge the others.
+"""
 RARE = 1.5
 """Steps between an output's values, in those of the rows, from which it is slower."""
 SHORTEST, LONGEST = 1e-8, 9e9
@@ -151,8 +155,11 @@ def _coarse(times: Array) -> tuple[Array, float] | None:
     return (even - np.median(away), resolution) if np.ptp(away) <= 3.0 * resolution else None
 
 
-def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
-    """Even times for rising stamps. Raises UserError where the stamps belong to no even sampling at all."""
+def grid_of(stamps: CleanStamps, what: str, *, scored: float | None = None) -> SampleGrid:
+    """Even times for rising stamps. scored: period [s] of which uneven steps become a whole part, if one is near.
+
+    Raises UserError where the stamps belong to no even sampling at all.
+    """
     times, notes = stamps.times, stamps.notes
     steps = np.diff(times)
     period = float(np.median(steps))
@@ -173,6 +180,9 @@ def grid_of(stamps: CleanStamps, what: str) -> SampleGrid:
         samples = int(whole[-1]) + 1
     else:
         origin = float(times[0])
+        if scored is not None:
+            part = scored / max(round(scored / period), 1)
+            period = part if abs(part - period) <= COMMON * period else period
         samples = int((times[-1] - origin) / period + 1e-6) + 1
     if samples > MOST_SAMPLES_PER_STAMP * len(times):
         k = int(np.argmax(steps))

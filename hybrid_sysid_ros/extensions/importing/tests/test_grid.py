@@ -35,3 +35,19 @@ def test_jitter_that_is_no_clocks_moves_the_period_by_less_than_its_mean():
     # The variance of a line's slope is that of the jitter over the sum of squares about the mean.
     deviation = 1e-5 / (np.std(kept) * np.sqrt(len(kept)))
     assert abs(grid.period - PERIOD) < 4.0 * deviation + 1e-9
+
+
+@pytest.mark.parametrize("scored", [3.0 * PERIOD, 5.0 * PERIOD])
+def test_uneven_logs_of_one_logger_are_sampled_alike(scored):
+    def uneven(seed):
+        random = np.random.default_rng(seed)
+        return clean_stamps(np.cumsum(PERIOD * random.uniform(0.8, 1.2, 2000)), "t")
+
+    assert grid_of(uneven(0), "t").period != grid_of(uneven(1), "t").period
+    alike = {grid_of(uneven(seed), "t", scored=scored).period for seed in range(3)}
+    assert alike == {scored / round(scored / PERIOD)}
+
+
+def test_uneven_steps_that_are_no_part_of_the_scored_period_stay():
+    stamps = clean_stamps(np.cumsum(PERIOD * np.random.default_rng(0).uniform(0.8, 1.2, 2000)), "t")
+    assert grid_of(stamps, "t", scored=1.3 * PERIOD).period == grid_of(stamps, "t").period
