@@ -61,7 +61,6 @@ class PlantNode(RigNode):
         self.rest = [actuator.rest for actuator in rig.actuators]
         self.lateness = Timing()
         self.rejected = self.overruns = self.repeated = self.stops = self.direct = 0
-        self.put_back = False
         self.begin()
 
     def begin(self) -> None:
@@ -114,7 +113,6 @@ class PlantNode(RigNode):
     def again(self) -> None:
         self._leave()
         self.begin()
-        self.put_back = True
         self.activate()
         self.active = True
 
@@ -166,10 +164,6 @@ class PlantNode(RigNode):
             self.measure(0, self.drive.at(0.0))
         elif self.lockstep:
             self.publish()
-        # Estimator, and then controller, begin anew with the second message that goes back.
-        for _ in range(2 if self.lockstep and self.put_back else 0):
-            self.publish()
-        self.put_back = False
 
     def tick(self) -> None:
         """In real time: integrate up to now and publish the measurement that is due. Those that were missed are left

@@ -59,8 +59,8 @@ class MessageValidator:
 
     A stamp is accepted if it lies at most ``ahead`` ahead of the clock and ``behind`` behind it [ns], and less than
     RESTART before the last accepted one. Time begins anew if the clock itself went back, by SET or more, and the stamps
-    are near it again; without a clock, as in lockstep, if two messages in a row follow or repeat each other RESTART
-    before the last one.
+    are near it again; without a clock, as in lockstep, at the very stamp at which it began, or if two messages in a row
+    follow or repeat each other RESTART before the last one.
     The first publisher, as frame_id names it, is the selected one until it has been silent for ``silence`` [ns] of
     steady time.
     """
@@ -91,7 +91,7 @@ class MessageValidator:
         self._clock = clock
         self._steady = steady
         self._ahead, self._behind, self._silence = ahead, behind, silence
-        self._back = self._offset = 0
+        self._first = self._back = self._offset = 0
         self._forms: dict[int, JointForm | TrajectoryForm] = {}
 
     def drop(self, reason: Reason) -> None:
@@ -213,6 +213,8 @@ class MessageValidator:
             elif now is not None and self._was_set_back(self.stamp - stamp, now):
                 found = StampOrder.RESTART
         if found is not StampOrder.LATE:
+            if not self.stamp or found is StampOrder.RESTART:
+                self._first = stamp
             self.stamp, self._back = stamp, 0
             self._offset = 0 if now is None else now - self._steady()
         return found
@@ -224,7 +226,7 @@ class MessageValidator:
     def _begins_anew(self, stamp: int, *, near: bool) -> bool:
         """Whether a stamp long before the last one begins anew and is no fault; near: the stamp is near the clock."""
         before, self._back = self._back, stamp
-        return near or 0 < before <= stamp < before + RESTART
+        return near or stamp == self._first or 0 < before <= stamp < before + RESTART
 
     def forget(self) -> None:
         """Wait for a first message again; what was counted stays."""

@@ -194,6 +194,21 @@ def test_without_a_clock_time_begins_anew_where_two_go_on_from_one_another() -> 
     assert gate.say(9 * SECOND - 1) is None
 
 
+def test_without_a_clock_time_begins_anew_at_the_stamp_at_which_it_began() -> None:
+    """A plant in lockstep that is put back says its first measurement once."""
+    gate = Gate(timed=False)
+    for stamp in (SECOND, 2 * SECOND):
+        assert gate.say(stamp) is StampOrder.NEW
+    assert gate.say(SECOND) is StampOrder.LATE  # no more than a second back
+    assert gate.say(3 * SECOND) is StampOrder.NEW
+    assert gate.say(SECOND) is StampOrder.RESTART
+    gate.validator.forget()
+    for stamp in (2 * SECOND, 4 * SECOND):
+        assert gate.say(stamp) is StampOrder.NEW
+    assert gate.say(SECOND) is None
+    assert gate.say(2 * SECOND) is StampOrder.RESTART
+
+
 def test_a_publisher_is_silent_from_its_bound_on() -> None:
     gate = Gate()
     assert gate.say(gate.now, "first") is StampOrder.NEW

@@ -64,7 +64,7 @@ enum stamp_order validator_order(validator *own, int64_t stamp)
             const bool near = own->timed && own->behind < INT64_MAX / 2;
 
             own->back = stamp;
-            if (!near && !(0 < before && before <= stamp && stamp < before + RESTARTED)) {
+            if (!near && stamp != own->first && !(0 < before && before <= stamp && stamp < before + RESTARTED)) {
                 own->dropped[BACKWARDS]++;
                 return REFUSED;
             }
@@ -75,6 +75,9 @@ enum stamp_order validator_order(validator *own, int64_t stamp)
         }
     }
     if (found != LATE) {
+        if (!own->stamp || found == RESTART) {
+            own->first = stamp;
+        }
         own->stamp = stamp;
         own->back = 0;
         own->offset = own->timed ? time - steady() : 0;

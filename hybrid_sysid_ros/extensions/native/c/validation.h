@@ -17,7 +17,7 @@ enum stamp_order { REFUSED, NEW, DUPLICATE, LATE, RESTART };
 typedef struct {
     bool timed; /* whether stamps are of a clock */
     int64_t ahead, behind, silence;
-    int64_t stamp, heard, back, offset;
+    int64_t stamp, first, heard, back, offset;
     bool chosen;
     char source[LONGEST_SOURCE];
     long dropped[REASONS];
