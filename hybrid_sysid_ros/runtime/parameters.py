@@ -188,25 +188,18 @@ def _described(rig: Rig, node: str) -> tuple[dict[str, NodeParameter], list[str]
             fitted["range"] = [min(low for low, _ in ranges), max(high for _, high in ranges)]
             fitted["default"] = [min(max(entry["default"], low), high) for low, high in ranges]
         found[name] = _parameter(name, fitted, f"{rig.name}: nodes.{node}.{name}")
-        if name in values:
-            with collected(problems, f"{where}: nodes.{node}: "):
-                found[name] = replace(found[name], default=found[name].checked(values[name]))
-    for name in (name for name in declared[node] if name not in values):
+    chosen = _values(found)
+    for name in found.keys() & values.keys():
         with collected(problems, f"{where}: nodes.{node}: "):
-            found[name] = replace(found[name], default=_following(rig, declared[node], found, name))
+            chosen[name] = found[name].checked(values[name])
+    for name, rule in ((name, entry["follows"]) for name, entry in declared[node].items() if "follows" in entry):
+        if name not in values:
+            chosen[name] = FOLLOWS[rule](rig, chosen[name], chosen, _values(_described(rig, "controller")[0]))
+    grow(found, chosen, values)
+    for name, item in found.items():
+        with collected(problems, f"{where}: nodes.{node}: "):
+            found[name] = replace(item, default=chosen[name])
     return found, problems
-
-
-def _following(rig: Rig, declared: Mapping[str, Any], known: Mapping[str, NodeParameter], name: str) -> Any:
-    """The default of a parameter that the rig does not write: it follows what the rig does write. One that must be
-    above another grows with that.
-    """
-    item, entry = known[name], declared[name]
-    if rule := entry.get("follows"):
-        return FOLLOWS[rule](rig, item.default, _values(known), _values(_described(rig, "controller")[0]))
-    if item.above and not item.default > known[item.above].default:
-        return item.default * known[item.above].default / declared[item.above]["default"]
-    return item.default
 
 
 def _values(known: Mapping[str, NodeParameter]) -> dict[str, Any]:
@@ -214,7 +207,9 @@ def _values(known: Mapping[str, NodeParameter]) -> dict[str, Any]:
 
 
 def grow(known: Mapping[str, NodeParameter], values: dict[str, Any], given: Collection[str]) -> None:
-    """Let values that nobody gave, and that must be above another one, grow with that one as rigs' defaults do."""
+    """Let values that nobody gave, and that must be above another one, grow with that one, in the ratio of their
+    defaults.
+    """
     for _ in known:  # each may stand above another that grows
         for name, item in known.items():
             if item.above and name not in given and not values[name] > values[item.above]:
