@@ -36,7 +36,7 @@ from hybrid_sysid_ros.support.errors import counted
 from hybrid_sysid_ros.support.files import check_file, check_folder
 
 EXTENDED_BY = "comparisons"
-LOST = 10.0  # error of a simulation, in the output's deviation, that says no more than that it runs away
+AWAY = 10.0  # error of a simulation, in the output's deviation, that says no more than that it runs away
 
 
 def command(
@@ -115,8 +115,8 @@ def _identified(records: Sequence[Record], rig: Rig, structure: str, **settings:
     with status.status("compiling") as spinner:
 
         def progress(stage: str, evaluations: int, error: float) -> None:
-            share = f"error {100 * error:.1f} % of the output's deviation" if error < LOST else "simulations run away"
-            status.print(f"  {stage}: {share}, {evaluations} simulations")
+            words = f"error {100 * error:.1f} % of the output's deviation" if error < AWAY else "simulations run away"
+            status.print(f"  {stage}: {words}, {evaluations} simulations")
             spinner.update("fitting")
 
         return identify(records, rig, structure, progress=progress, **settings)

@@ -24,7 +24,7 @@ from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 
 LOST = 0.3
-"""Error of free runs, in the outputs' deviation, above which a fit of an unstable system has failed."""
+"""Error of free runs, in the outputs' deviation, above which a fit has lost the way past an unstable point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.identification.context import Context
+from hybrid_sysid_ros.identification.context import LOST, Context
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_range, handling_of, prepare, resample
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.parameter_groups import groups
@@ -43,8 +43,8 @@ REFINED, FINER = (0.3, 1.0), (5, 4, 6, 3, 2)
 which are short enough for a still finer one; and the parts into which a longer step is cut, the first that fit the
 records' sampling.
 """
-WORSE, LOST = 1.5, 0.3
-"""Relative error of a fit at a finer step, in that of the fit before and in itself, from which it has lost the way."""
+WORSE = 1.5
+"""Relative error of a fit at a finer step, in that of the fit before, from which it may have lost the way."""
 
 
 def identify(

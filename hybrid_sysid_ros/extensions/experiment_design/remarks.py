@@ -9,7 +9,7 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Sensitivities
 from hybrid_sysid_ros.extensions.experiment_design.information import LEAST_KNOWN, Fisher
-from hybrid_sysid_ros.extensions.shared.feedback import feedbacks_of
+from hybrid_sysid_ros.extensions.shared.granger_causality import feedbacks_of
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.validation.identifiability import correlated
 from hybrid_sysid_ros.library.arguments import given_sampling

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.relation import wanders
 from hybrid_sysid_ros.extensions.record_check.response import response_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
-from hybrid_sysid_ros.extensions.shared.feedback import feedbacks_of
+from hybrid_sysid_ros.extensions.shared.granger_causality import feedbacks_of
 from hybrid_sysid_ros.identification.shooting import fastest_growth
 from hybrid_sysid_ros.rigs.rig import Rig
 

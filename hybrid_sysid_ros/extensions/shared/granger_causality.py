@@ -1,4 +1,4 @@
-"""Feedback: inputs of a record that answer its outputs."""
+"""Granger causality: inputs of a record that answer its outputs."""
 
 from __future__ import annotations
 

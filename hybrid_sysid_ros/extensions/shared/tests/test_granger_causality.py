@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from hybrid_sysid_ros.extensions.shared.feedback import leads
+from hybrid_sysid_ros.extensions.shared.granger_causality import leads
 
 STEP = 0.01
 
