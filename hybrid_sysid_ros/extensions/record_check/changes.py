@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -104,53 +105,19 @@ def changes_of(
     """What changes along a record; expected: by the rig's physics, (samples,); apart: samples in which it changes;
     guessed: whether that law is a guess, whose own errors change along a record, too.
     """
-    certain = CERTAIN if guessed else LAWFUL
     length = len(expected) // PIECES
     if length < max(FEWEST, 4 * apart):
         return
-    parts = [slice(k * length, (k + 1) * length) for k in range(PIECES)]
-    pieces = [_piece(signal, expected, part, apart) for part in parts]
-    lawful = float(np.median([piece.correlation if piece else 0.0 for piece in pieces])) > certain
-    clear = [piece if lawful and piece and piece.correlation > CLEAR else None for piece in pieces]
-
-    def found_in(values: list[float], least: float) -> OtherStretch | None:
-        found = other_stretch(np.array(values), least)
-        if found is None or found.first:
-            return found
-        return found.rest()
-
-    def where(stretch: OtherStretch) -> str:
-        first, last = signal.at(stretch.first * length), signal.at(stretch.stop * length)
-        if stretch.stop == PIECES:
-            return f"from about {first} on"
-        return f"from about {first} to {last}" if stretch.first else f"until about {last}"
-
-    def undone(stretch: OtherStretch, spoilt: Array) -> OtherStretch | None:
-        part = slice(stretch.first * length, stretch.stop * length)
-        return stretch if is_undone(signal.values[part], expected[part], spoilt[part]) else None
-
-    turned = [np.sign(piece.correlation) if piece and abs(piece.correlation) > certain else np.nan for piece in pieces]
-    signs = found_in(turned, 1.0)
-    if signs is not None and _at_once(pieces, turned, apart):
-        yield RecordFinding(
-            kind="change of sign", cost=0.96,
-            words=f"{signal.name} goes the other way than elsewhere {where(signs)}",
-            cure="was a plug or a sensor turned round there? import the parts apart, one with sign: -1 in import.yaml",
-        )  # fmt: skip
+    compared = _Comparison(signal=signal, expected=expected, apart=apart, length=length, guessed=guessed)
+    if turned := list(compared.changes_of_sign()):
+        yield from turned
         return
-    lags = found_in([piece.lag if piece else np.nan for piece in clear], max(SHORTEST_LAG, SHARE * apart))
-    scales = None
-    for least, sure in ((OTHER_SCALE, CLEAR), (NEAR_SCALE, SHARP)):
-        sharp = [np.log(piece.scale) if piece and piece.correlation > sure else np.nan for piece in clear]
-        scales = scales or found_in(sharp, float(np.log(least)))
-    if guessed:
-        scales = scales and undone(scales, np.exp(scales.inside - scales.outside) * expected)
-        lags = lags and undone(lags, later_by(expected, lags.inside - lags.outside))
+    scales, lags = compared.other_scale(), compared.other_delay()
     if scales is not None:
         ratio = float(np.exp(scales.inside - scales.outside))
         yield RecordFinding(
             kind="change of scale", cost=0.79,
-            words=f"{signal.name} moves {ratio:.3g} times as far as elsewhere {where(scales)}",
+            words=f"{signal.name} moves {ratio:.3g} times as far as elsewhere {compared.where(scales)}",
             cure="was its unit, range or gain changed there? leave that part out (--part), or import the parts apart",
         )  # fmt: skip
     if lags is not None:
@@ -158,32 +125,126 @@ def changes_of(
         way = "later" if late > 0.0 else "earlier"
         yield RecordFinding(
             kind="change of delay", cost=0.77,
-            words=f"{signal.name} is {abs(late):.3g} s {way} than elsewhere {where(lags)}",
+            words=f"{signal.name} is {abs(late):.3g} s {way} than elsewhere {compared.where(lags)}",
             cure="samples were lost or a clock was set there: import the parts before and behind apart",
         )  # fmt: skip
     if scales is None and lags is None:
         jumps = list(_jumps(signal, expected, inputs))
-        yield from jumps
-        away = signal.values - expected
-        zeros = found_in([float(np.median(away[part])) for part in parts], OTHER_ZERO * signal.span) if lawful else None
-        if zeros is not None and not jumps and zeros.beyond(away, parts):
+        yield from jumps or compared.changes_of_zero()
+    if scales is None:
+        yield from compared.changes_of_noise()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Comparison:
+    """A signal beside what physics expects of it, in pieces of so many samples."""
+
+    signal: CheckedSignal
+    expected: Array
+    apart: int
+    length: int
+    guessed: bool
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        return [slice(k * self.length, (k + 1) * self.length) for k in range(PIECES)]
+
+    @cached_property
+    def pieces(self) -> list[Alignment | None]:
+        return [self._aligned(part) for part in self.parts]
+
+    def _aligned(self, part: slice) -> Alignment | None:
+        good = ~self.signal.spoilt[part]
+        if np.ptp(self.expected[part]) == 0.0 or good.mean() < 0.5:
+            return None
+        return best_alignment(self.signal.values[part], self.expected[part], good, self.apart, self.length // 3)
+
+    @property
+    def certain(self) -> float:
+        return CERTAIN if self.guessed else LAWFUL
+
+    @cached_property
+    def lawful(self) -> bool:
+        """Whether most pieces follow the physics."""
+        return float(np.median([piece.correlation if piece else 0.0 for piece in self.pieces])) > self.certain
+
+    def following(self, least: float) -> list[Alignment | None]:
+        """The pieces that follow the physics of a lawful record so closely."""
+        return [piece if self.lawful and piece and piece.correlation > least else None for piece in self.pieces]
+
+    def where(self, stretch: OtherStretch) -> str:
+        """A stretch in times of the record."""
+        first, last = self.signal.at(stretch.first * self.length), self.signal.at(stretch.stop * self.length)
+        if stretch.stop == PIECES:
+            return f"from about {first} on"
+        return f"from about {first} to {last}" if stretch.first else f"until about {last}"
+
+    def undone(self, stretch: OtherStretch, spoilt: Array) -> OtherStretch | None:
+        """A stretch of a guessed law, if the fault that is in it explains it."""
+        part = slice(stretch.first * self.length, stretch.stop * self.length)
+        explained = not self.guessed or is_undone(self.signal.values[part], self.expected[part], spoilt[part])
+        return stretch if explained else None
+
+    def changes_of_sign(self) -> Iterator[RecordFinding]:
+        """Pieces that go the other way."""
+        sure = [piece if piece and abs(piece.correlation) > self.certain else None for piece in self.pieces]
+        turned = [np.sign(piece.correlation) if piece else np.nan for piece in sure]
+        signs = _later_stretch(turned, 1.0)
+        if signs is not None and _at_once(self.pieces, turned, self.apart):
+            yield RecordFinding(
+                kind="change of sign", cost=0.96,
+                words=f"{self.signal.name} goes the other way than elsewhere {self.where(signs)}",
+                cure="was a plug or a sensor turned round there? import the parts apart, one with sign: -1 in "
+                "import.yaml",
+            )  # fmt: skip
+
+    def other_scale(self) -> OtherStretch | None:
+        """Where logarithms of the scale are others."""
+        found = None
+        for least, sure in ((OTHER_SCALE, CLEAR), (NEAR_SCALE, SHARP)):
+            sharp = [np.log(piece.scale) if piece else np.nan for piece in self.following(sure)]
+            found = found or _later_stretch(sharp, float(np.log(least)))
+        return found and self.undone(found, np.exp(found.inside - found.outside) * self.expected)
+
+    def other_delay(self) -> OtherStretch | None:
+        """Where delays are others [samples]."""
+        lags = [piece.lag if piece else np.nan for piece in self.following(CLEAR)]
+        found = _later_stretch(lags, max(SHORTEST_LAG, SHARE * self.apart))
+        return found and self.undone(found, later_by(self.expected, found.inside - found.outside))
+
+    def changes_of_zero(self) -> Iterator[RecordFinding]:
+        """A zero that is another one."""
+        away = self.signal.values - self.expected
+        medians = [float(np.median(away[part])) for part in self.parts]
+        zeros = _later_stretch(medians, OTHER_ZERO * self.signal.span) if self.lawful else None
+        if zeros is not None and zeros.beyond(away, self.parts):
+            step = self.signal.shown(zeros.inside - zeros.outside)
             yield RecordFinding(
                 kind="jump", cost=0.6,
-                words=f"{signal.name} is {signal.shown(zeros.inside - zeros.outside)} above elsewhere {where(zeros)}",
+                words=f"{self.signal.name} is {step} above elsewhere {self.where(zeros)}",
                 cure="was its zero set anew there? import the parts before and behind apart",
             )  # fmt: skip
-    usual = max(float(np.hypot(signal.noise, signal.count)), 2e-3 * signal.span)
-    sizes = [float(np.hypot(noise_rms(signal.values[part]), usual)) for part in parts]
-    noises = other_stretch(np.log(sizes), float(np.log(OTHER_NOISE)))
-    if noises is not None and noises.inside < noises.outside and (noises.first == 0 or noises.stop == PIECES):
-        noises = noises.rest()
-    if noises is not None and noises.inside > noises.outside and scales is None:
-        ratio = float(np.exp(noises.inside - noises.outside))
-        yield RecordFinding(
-            kind="change of noise", cost=0.6,
-            words=f"{signal.name} has {ratio:.3g} times the noise of the rest {where(noises)}",
-            cure="look for what was switched on then; leave that part out (--part)",
-        )  # fmt: skip
+
+    def changes_of_noise(self) -> Iterator[RecordFinding]:
+        """Noise that is larger than elsewhere."""
+        usual = max(float(np.hypot(self.signal.noise, self.signal.count)), 2e-3 * self.signal.span)
+        sizes = [float(np.hypot(noise_rms(self.signal.values[part]), usual)) for part in self.parts]
+        noises = other_stretch(np.log(sizes), float(np.log(OTHER_NOISE)))
+        if noises is not None and noises.inside < noises.outside and (noises.first == 0 or noises.stop == PIECES):
+            noises = noises.rest()
+        if noises is not None and noises.inside > noises.outside:
+            ratio = float(np.exp(noises.inside - noises.outside))
+            yield RecordFinding(
+                kind="change of noise", cost=0.6,
+                words=f"{self.signal.name} has {ratio:.3g} times the noise of the rest {self.where(noises)}",
+                cure="look for what was switched on then; leave that part out (--part)",
+            )  # fmt: skip
+
+
+def _later_stretch(values: Sequence[float], least: float) -> OtherStretch | None:
+    """The other stretch, or what is behind it where it begins the record."""
+    found = other_stretch(np.array(values), least)
+    return found if found is None or found.first else found.rest()
 
 
 def _at_once(pieces: Sequence[Alignment | None], signs: Sequence[float], apart: int) -> bool:
@@ -191,14 +252,6 @@ def _at_once(pieces: Sequence[Alignment | None], signs: Sequence[float], apart: 
     pairs = list(zip(pieces, signs, strict=True))
     ahead, back = ([piece.lag for piece, sign in pairs if piece and sign == way] for way in (1.0, -1.0))
     return abs(float(np.median(ahead) - np.median(back))) <= max(SHORTEST_LAG, apart)
-
-
-def _piece(signal: CheckedSignal, expected: Array, part: slice, apart: int) -> Alignment | None:
-    good = ~signal.spoilt[part]
-    if np.ptp(expected[part]) == 0.0 or good.mean() < 0.5:
-        return None
-    length = part.stop - part.start
-    return best_alignment(signal.values[part], expected[part], good, apart, length // 3)
 
 
 def _jumps(signal: CheckedSignal, expected: Array, inputs: Sequence[Array]) -> Iterator[RecordFinding]:
