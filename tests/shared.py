@@ -23,7 +23,7 @@ from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core import System, simulate
-from hybrid_sysid_ros.estimation import METHODS, Estimator
+from hybrid_sysid_ros.estimation import Estimator, estimator_class
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -31,6 +31,7 @@ from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support import extensions
 from studies.beam_lecture import records as bab
 from tests.one_joint import Linear
 from tests.small_systems import FlexibleJoint, Motor, Slider
@@ -115,10 +116,10 @@ def flexible_joint() -> FlexibleJoint:
     return FlexibleJoint()
 
 
-@pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
+@pytest.fixture(scope="module", params=extensions.targets("estimators"))
 def kind(request: pytest.FixtureRequest) -> type[Estimator]:
     """Each method of estimation."""
-    kind: type[Estimator] = request.param
+    kind: type[Estimator] = estimator_class(request.param)
     return kind
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation import estimator_class
 from hybrid_sysid_ros.rigs.rig import Rig
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
@@ -85,7 +85,7 @@ def test_every_method_answers(bench: Bench, model_folder: Path, method: str) -> 
     for _ in range(30):
         answer = clients.estimate(0.01)
     assert answer.position[0] == pytest.approx(0.01, abs=1e-3)
-    assert type(clients.estimator.adapter.estimator.filter) is METHODS[method]
+    assert type(clients.estimator.adapter.estimator.filter) is estimator_class(method)
 
 
 def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Bench, model_folder: Path) -> None:

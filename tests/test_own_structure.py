@@ -100,7 +100,7 @@ assert evaluate(straight, driven(1)).r2 < evaluate(model, driven(1)).r2
 RUN = """
 import numpy as np
 from hybrid_sysid_ros import models
-from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation import estimator_class
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
 model = models.load("my_model")
@@ -109,7 +109,7 @@ assert line.startswith("curve: ")
 tuning = Tuning(
     measurement_noise=(1e-5,), process_noise=(1e-4, 1e-2), disturbance_noise=(0.1,), disturbance_limit=(1.0,), gate=9.0
 )
-estimator = METHODS["ekf"](model.system, tuning, period=0.005, latency=0.0)
+estimator = estimator_class("ekf")(model.system, tuning, period=0.005, latency=0.0)
 for k in range(5):
     estimate = estimator.update(0.005 * k, np.array([0.01]), np.array([1.0]))
 assert np.isfinite(estimate.covariance).all()

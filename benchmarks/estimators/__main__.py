@@ -27,11 +27,12 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.estimators.runs import PERIOD, Run, beam, drawn
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.estimation import METHODS, Estimator, SensorChannel, Tuning
+from hybrid_sysid_ros.estimation import Estimator, SensorChannel, Tuning
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 
 NAME = "estimators"
@@ -64,7 +65,8 @@ def main() -> int:
     system = load_model(configuration.shipped(rig.name, "model")).system
     tuning = tuning_of(rig)
     volt = rig.display[0].scale
-    kinds: dict[str, Callable[..., Any]] = {**METHODS, **peers()}
+    ours: dict[str, Any] = extensions.provided("estimators")
+    kinds: dict[str, Callable[..., Any]] = {**ours, **peers()}
     made = {name: partial(kind, system, tuning, period=PERIOD) for name, kind in kinds.items()}
     biases = np.random.default_rng(0).uniform(-BIAS, BIAS, RUNS)
     groups = {
@@ -74,8 +76,8 @@ def main() -> int:
     results: dict[str, Any] = {"runs": RUNS}
     for group, runs in groups.items():
         results[group] = {name: watched(make, runs, volt) for name, make in made.items()}
-    results["delayed"] = {name: delayed(method, rig, system, tuning) for name, method in METHODS.items()}
-    results["followed"] = {name: followed(method, rig) for name, method in METHODS.items()}
+    results["delayed"] = {name: delayed(method, rig, system, tuning) for name, method in ours.items()}
+    results["followed"] = {name: followed(method, rig) for name, method in ours.items()}
     show(results)
     print(result.write(NAME, results, on=machine))
     return 0

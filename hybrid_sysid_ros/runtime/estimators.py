@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation import estimator_class
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_tuning
@@ -48,7 +48,7 @@ def estimator_of(
         reversible=_reversible(rig),
     )
     return MonitoredEstimator(
-        METHODS[settings["method"]],
+        estimator_class(settings["method"]),
         system,
         estimator_tuning(settings, rig, system),
         monitoring,

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.control import Controller
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, OutputReference, simulate_loop
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation import estimator_class
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -42,7 +42,7 @@ def simulated_loop(
     period = 1.0 / values["rate"] if isinstance(controller, Cascade) else controller.period
     rig.steps(period, "the period of the controller")
     tuning = configuration.estimator_tuning(values, rig, model.system)
-    estimator = METHODS[values["method"]](model.system, tuning, period=period, latency=0.0)
+    estimator = estimator_class(values["method"])(model.system, tuning, period=period, latency=0.0)
     scales = np.array([display.scale for display in rig.display])
     controller.reset()
     return simulate_loop(

@@ -58,6 +58,7 @@ TRUNK = Extension(
     },
     provides={
         "sections": dict.fromkeys(SECTIONS, ""),
+        "estimators": {"ekf": "hybrid_sysid_ros.estimation.extended_kalman_filter:ExtendedKalmanFilter"},
         "structures": {
             **dict.fromkeys(("linear", "stribeck", "dahl", "lugre"), f"{STRUCTURES}.gray_box:GrayBox"),
             "black_box": f"{STRUCTURES}.hybrid:BlackBox",

@@ -10,12 +10,13 @@ from scipy.stats import chi2
 
 from hybrid_sysid_ros.core import one_step
 from hybrid_sysid_ros.core.compilation import kernel
-from hybrid_sysid_ros.estimation import METHODS, Tuning
+from hybrid_sysid_ros.estimation import Tuning, estimator_class
 from hybrid_sysid_ros.estimation.belief import solve_triangular
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.estimation.extended_kalman_filter import triangle
-from hybrid_sysid_ros.estimation.moving_horizon_estimator import solve_transposed
+from hybrid_sysid_ros.extensions.estimators.moving_horizon_estimator import solve_transposed
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from hybrid_sysid_ros.support.extensions import targets
 
 PERIOD = 0.005
 
@@ -97,14 +98,14 @@ def triangle_of(rows, root):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", PLANTS)
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", targets("estimators"))
 def test_squared_errors_of_a_plant_as_the_filter_believes_it_to_be_are_in_their_band(method, plant):
     """Mean of 40 independent runs at some moments, chi-square of 120 degrees of freedom; NIS over all."""
     tuning, system = PLANTS[plant]
     moments, squares, errors, covariances = [50, 100, 200, 300, 399], [], [], []
     for seed in range(40):
         measured, inputs, states = run_of(plant, seed)
-        ours = METHODS[method](system, tuning, period=PERIOD)
+        ours = estimator_class(method)(system, tuning, period=PERIOD)
         estimates = [ours.update(k * PERIOD, measured[k : k + 1], inputs[k : k + 1]) for k in range(len(measured))]
         errors.append([np.array([*estimates[k].state, *estimates[k].disturbance]) - states[k] for k in moments])
         covariances.append([estimates[k].covariance[:3, :3] for k in moments])
@@ -119,7 +120,7 @@ def test_a_horizon_that_holds_all_measurements_gives_the_trajectory_of_least_cos
     """Against a general solver on the cost as it is written, with nothing linearised."""
     samples = 30
     measured, inputs, _ = drawn(TUNING, 5, samples)
-    ours = METHODS["mhe"](PULL, dataclasses.replace(TUNING, horizon=100), period=PERIOD)
+    ours = estimator_class("mhe")(PULL, dataclasses.replace(TUNING, horizon=100), period=PERIOD)
     first = ours.update(0.0, measured[:1], inputs[:1])
     for k in range(1, samples):
         estimate = ours.update(k * PERIOD, measured[k : k + 1], inputs[k : k + 1])

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation import estimator_class
 from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration
@@ -226,7 +226,7 @@ def test_hum_that_looks_like_a_position_counts_as_noise(kind, rig):
 def test_a_motor_of_three_states_shows_its_current(motor):
     """Current and load come out of the angle alone."""
     tuning = dataclasses.replace(QUIET, process_noise=(1e-4, 0.02, 0.02), disturbance_noise=(0.5,))
-    ours = METHODS["ukf"](motor, tuning, period=PERIOD)
+    ours = estimator_class("ukf")(motor, tuning, period=PERIOD)
     random = np.random.default_rng(0)
     x = np.zeros(3)
     u = 0.0
@@ -243,7 +243,7 @@ def test_a_motor_of_three_states_shows_its_current(motor):
 
 def test_two_joints_are_told_from_the_link_alone(flexible_joint):
     tuning = dataclasses.replace(QUIET, process_noise=(1e-4, 1e-4, 0.5, 0.1), disturbance_noise=(0.01,))
-    ours = METHODS["mhe"](flexible_joint, tuning, period=PERIOD)
+    ours = estimator_class("mhe")(flexible_joint, tuning, period=PERIOD)
     random = np.random.default_rng(0)
     x, u, errors = np.zeros(4), 0.0, []
     for k in range(3000):

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.estimation import MovingHorizonEstimator
+from hybrid_sysid_ros.extensions.estimators.moving_horizon_estimator import MovingHorizonEstimator
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_estimation import LINEAR, PERIOD, QUIET

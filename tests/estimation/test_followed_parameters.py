@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation import estimator_class
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -57,7 +57,7 @@ def test_a_followed_parameter_makes_the_innovations_as_small_as_they_are_said_to
     _, rows = changed
     means = []
     for followed in ("", f"coulomb=0.2 {STILL}"):
-        ours = METHODS["ekf"](rig.system, tuning(rig, followed), period=PERIOD)
+        ours = estimator_class("ekf")(rig.system, tuning(rig, followed), period=PERIOD)
         squares = [ours.update(t, np.array([y]), np.array([u])).normalised_innovation for t, y, u in rows]
         means.append(np.mean(squares[2000:]))
     assert means[1] < means[0]
@@ -81,8 +81,8 @@ def test_of_a_hybrid_the_centre_is_nearly_an_input(rig):
     """Its network reads the input as well, and not the centre: to whoever has the model as it was, still an offset."""
     hybrid = load(configuration.shipped("cam_beam", "model")).system
     with pytest.raises(UserError, match="parameter centre can't be distinguished from an offset of input drive"):
-        METHODS["ukf"](hybrid, tuning(rig, "centre=0.05"), period=PERIOD)
-    ours = METHODS["ukf"](hybrid, tuning(rig, "centre=0.05 coulomb=0.1", disturbance_noise=0.0), period=PERIOD)
+        estimator_class("ukf")(hybrid, tuning(rig, "centre=0.05"), period=PERIOD)
+    ours = estimator_class("ukf")(hybrid, tuning(rig, "centre=0.05 coulomb=0.1", disturbance_noise=0.0), period=PERIOD)
     centre = hybrid.named["centre"]
     for k in range(400):  # rises evenly at .1 rad/s, though the drive is .3 V less than that takes
         drive = centre - 0.3 + (0.1 * hybrid.named["damping"] + hybrid.named["coulomb"]) / hybrid.named["gain"]
@@ -104,7 +104,7 @@ def test_of_a_hybrid_the_centre_is_nearly_an_input(rig):
 )
 def test_what_can_t_be_followed_is_reported(rig, followed, reason):
     with pytest.raises(UserError, match=reason):
-        METHODS["ekf"](rig.system, tuning(rig, followed), period=PERIOD)
+        estimator_class("ekf")(rig.system, tuning(rig, followed), period=PERIOD)
 
 
 def test_a_plant_that_changes_goes_on_as_the_other_one(rig):

@@ -10,9 +10,10 @@ from scipy.stats import chi2
 
 from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.estimation import METHODS, SensorChannel, Tuning
+from hybrid_sysid_ros.estimation import SensorChannel, Tuning, estimator_class
 from hybrid_sysid_ros.estimation.consistency import normalised_errors
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extensions import targets
 
 PERIOD = 0.005
 A = np.array([[-1.0, 3.0, -6.0], [-4.0, -2.0, 5.0], [2.0, -3.0, -1.5]])
@@ -149,13 +150,13 @@ def drawn(seed: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return measured, inputs, truth
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", targets("estimators"))
 def test_squared_errors_and_innovations_are_in_their_bands(method):
     """Mean over 40 seeds of e' P^-1 e of five states, the hidden ones and the offsets among them."""
     errors, covariances, squares = [], [], []
     for seed in range(40):
         measured, inputs, truth = drawn(seed, 120)
-        ours = METHODS[method](Plate(), TUNING, period=PERIOD)
+        ours = estimator_class(method)(Plate(), TUNING, period=PERIOD)
         estimates = [ours.update(k * PERIOD, measured[k], inputs[k]) for k in range(120)]
         errors.append([beginning(estimates[k])[0] - truth[k] for k in (30, 60, 119)])
         covariances.append([estimates[k].covariance for k in (30, 60, 119)])
@@ -171,7 +172,7 @@ def test_a_horizon_that_holds_all_is_batch_least_squares():
     """All measurements and all transitions as rows of one linear problem, solved by numpy."""
     samples = 25
     measured, inputs, _ = drawn(3, samples)
-    ours = METHODS["mhe"](Plate(), dataclasses.replace(TUNING, horizon=100), period=PERIOD)
+    ours = estimator_class("mhe")(Plate(), dataclasses.replace(TUNING, horizon=100), period=PERIOD)
     z0, p0 = beginning(ours.update(0.0, measured[0], inputs[0]))
     book = Textbook(TUNING, z0, p0)
     rows, values = [np.zeros((5, 5 * samples))], [np.linalg.solve(np.linalg.cholesky(p0), z0)]

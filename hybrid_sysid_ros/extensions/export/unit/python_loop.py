@@ -17,7 +17,7 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.guard import Guard
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.control.waiting_inputs import InputsOnTheirWay, WaitingInputs
-from hybrid_sysid_ros.estimation import METHODS, ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, estimator_class
 from hybrid_sysid_ros.estimation.measurement_sequence import LARGEST_INPUT
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
@@ -151,7 +151,7 @@ def loop_in_python(
     """
     values = defaults(rig, "estimator") | dict(estimation or {})
     given = defaults(rig, "controller") | {"policy": "exact"} | dict(settings) | {"lockstep": True}
-    if METHODS[values["method"]] is not ExtendedKalmanFilter:
+    if estimator_class(values["method"]) is not ExtendedKalmanFilter:
         raise UserError(f"export: the estimator's method {values['method']} can't be printed as C; set method to ekf")
     if given["solver"] != "sqp" or given["policy"] == "network":
         raise UserError(

@@ -9,7 +9,7 @@ import yaml
 
 from benchmarks.fuzzy.data import DRIVE, LEVEL, RIG, free_run_error, mackey_glass, sines, training
 from hybrid_sysid_ros.core import Variable, simulate
-from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation import estimator_class
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.extensions.fuzzy.clustering import fuzzy_c_means, gustafson_kessel, k_means
 from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
@@ -175,7 +175,7 @@ def test_consequents_that_are_followed_are_those_of_recursive_least_squares(reco
     )  # fmt: skip
     moved = given.with_values([v + 0.1 * bool(p.learned) for p, v in zip(given.parameters, given.values, strict=True)])
     truth = simulate(moved, record.outputs[0], record.inputs[:steps], step=0.05)
-    estimator = METHODS["ekf"](given, tuning, period=0.05, latency=0.0)
+    estimator = estimator_class("ekf")(given, tuning, period=0.05, latency=0.0)
     estimate = estimator.update(0.0, truth[0], np.zeros(1))
     theta, cov = estimate.parameters.copy(), estimate.covariance[-len(names) :, -len(names) :].copy()
     centres, widths = given.centres / given.scales[0], given.widths / given.scales[0]
