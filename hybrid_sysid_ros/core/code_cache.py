@@ -11,6 +11,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from numba.core import config
 from numba.core.caching import IndexDataCacheFile
 
 from hybrid_sysid_ros.support.errors import warn
@@ -28,8 +29,13 @@ def missing_names() -> list[str]:
 class CheckedCacheFile(IndexDataCacheFile):  # type: ignore[misc]
     """The compiled code of a function: numba's index and data, and behind each a checksum of its name and content.
 
-    What was cut or altered is removed with a warning before anything of it is unpacked, and made again.
+    What was cut or altered is removed with a warning before anything of it is unpacked, and made again. numba keeps the
+    code of each place of a source apart; here every copy of a package shares it, as it is known by its content.
     """
+
+    def __init__(self, cache_path: str, filename_base: str, source_stamp: object) -> None:
+        parent = os.path.dirname(cache_path)
+        super().__init__(parent if parent == config.CACHE_DIR else cache_path, filename_base, source_stamp)
 
     def load(self, key: Any) -> Any:
         """What was compiled for a key, or None. Raises nothing for what is on the disk."""

@@ -156,6 +156,16 @@ def test_code_in_another_function_s_place_is_not_taken(tmp_path):
         assert files[1].load("key") is None
 
 
+def test_copies_of_a_source_share_its_code(tmp_path):
+    """As a second clone, or an installed package beside its checkout."""
+    with compilation.kept_in(tmp_path):
+        one, other = (CheckedCacheFile(str(tmp_path / name), "twice", b"content") for name in ("one", "other"))
+        altered = CheckedCacheFile(str(tmp_path / "one"), "twice", b"other content")
+    one.save("key", 2.0)
+    assert other.load("key") == 2.0
+    assert altered.load("key") is None
+
+
 def test_what_cannot_be_kept_is_reported(tmp_path):
     with pytest.warns(RuntimeWarning, match="the next process compiles anew"):
         CheckedCacheFile(str(tmp_path / "gone"), "twice", 1.0).save("key", 1.0)
