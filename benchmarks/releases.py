@@ -4,7 +4,7 @@
     python -m benchmarks.releases newest [FOLDER]
 
 The oldest are the lowest that pyproject.toml allows: where the tests fail, raise a bound. The newest are taken whatever
-the bounds are, and those beyond them are listed: where the tests pass, widen the bounds and the table of
+the upper bounds are, and those beyond them are listed: where the tests pass, widen the bounds and the table of
 support/versions.py. Exit status: that of the tests.
 """
 
@@ -50,9 +50,10 @@ def requirements(project: Distribution) -> list[Requirement]:
 
 
 def _newest(item: Requirement) -> str:
-    """What is asked for."""
+    """What is asked for: no older release than is allowed, as two of the newest may not go together."""
     extras = f"[{','.join(item.extras)}]" if item.extras else ""
-    return f"{item.name}{extras}{item.specifier if item.name.startswith(OF_ROS) else ''}"
+    kept = [str(one) for one in item.specifier if item.name.startswith(OF_ROS) or one.operator in (">=", ">", "!=")]
+    return f"{item.name}{extras}{','.join(kept)}"
 
 
 def _installed(folder: Path) -> dict[str, Distribution]:
