@@ -22,6 +22,9 @@ LONGEST_STEP = 0.005
 LONGEST_GAP = 1.0
 """Time without a measurement [s] after which an estimator starts again from the next one."""
 
+SPARE = 32
+"""Moments for which memory has room beyond those that are needed: it is moved up once for as many."""
+
 HUM_OBSERVABLE = 0.1
 """Smallest |sin(pi f T)| at which a hum of frequency f, sampled every T, can be distinguished from a constant."""
 
@@ -155,7 +158,7 @@ def memory_of(
     known = _known(system, tuning, hums)
     count, size = len(channels), len(known["start"])
     keep = (2 + math.ceil((span + LONGEST_GAP) / min(period, step))) * (1 + len(tuning.channels))
-    capacity, past = 2 * keep + 2, math.ceil((span + system.delay) / period) + 64
+    capacity, past = keep + SPARE, math.ceil((span + system.delay) / period) + 64
     windows = capacity if windowed else 0
     shapes: list[tuple[tuple[int, ...], str]] = [
         ((capacity, size), "means"),
