@@ -27,6 +27,13 @@ def test_a_run_is_judged_by_variance_noise_and_bands(r2, noises, held, words):
     assert found == {"position": words}
 
 
+def test_a_limit_holds_however_well_a_run_fits():
+    scores = {"r2": 0.99, "rmse": 1e-9, "fit_percent": 90.0}
+    (words,) = judgement(scores, RIG, PERIOD, {}, ["its law is a guess"]).values()
+    assert words.startswith("fair: ")
+    assert words.endswith(", its law is a guess")
+
+
 def test_a_hum_is_no_noise_where_its_periods_fit_into_the_sampling():
     """The beam's sensor has 60 Hz, .048 V, and .02 V of white noise (rig.yaml)."""
     scale = RIG.sensors[0].scale

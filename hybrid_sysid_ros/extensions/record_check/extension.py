@@ -7,5 +7,8 @@ EXTENSION = Extension(
     name="record_check",
     summary="A record against itself and its rig, before a fit.",
     commands={"check-record": (f"{HERE}.commands.check_record", "Check records before a model is fitted to them.")},
-    provides={"record_checks": {"record_check": f"{HERE}.check:findings_of"}},
+    provides={
+        "record_checks": {"record_check": f"{HERE}.check:findings_of"},
+        "use_checks": {"guessed_law": f"{HERE}.guessed_law:checked"},
+    },
 )

@@ -129,15 +129,17 @@ def _of_free_run(model: Model, experiment: PreparedRecord, rig: Rig, run: Array)
     scores = scores_of_run(model.system, experiment, run).content
     quality = run_quality(model.system, experiment)
     bands = {f"{band.level:g}": band.content(model.system, experiment) for band in bands_of(model, experiment)}
-    uses = {name: check(model, experiment, run) for name, check in provided("use_checks").items()}
+    checks = {name: check(model, experiment, run) for name, check in provided("use_checks").items()}
+    uses = {name: use for name, use in checks.items() if use}
+    limits = [use["limits"] for use in uses.values() if "limits" in use]
     return {
         "scores": scores,
-        "judgement": judgement(scores, rig, model.sampling.period, bands) if quality.judged else {},
+        "judgement": judgement(scores, rig, model.sampling.period, bands, limits) if quality.judged else {},
         "quality": quality,
         "unstable": "",
         "ahead": [] if quality.judged else predictions(model.system, experiment, None),
         "bands": bands,
-        "uses": {name: use for name, use in uses.items() if use},
+        "uses": uses,
     }
 
 

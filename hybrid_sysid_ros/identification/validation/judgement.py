@@ -5,7 +5,7 @@ The bounds of the words are conventions of this project, which its guide to repo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -27,11 +27,15 @@ def noise_floors(rig: Rig, period: float) -> dict[str, float]:
 
 
 def judgement(
-    scores: Mapping[str, Any], rig: Rig, period: float, bands: Mapping[str, Mapping[str, Mapping[str, float]]]
+    scores: Mapping[str, Any],
+    rig: Rig,
+    period: float,
+    bands: Mapping[str, Mapping[str, Mapping[str, float]]],
+    limits: Sequence[str] = (),
 ) -> dict[str, str]:
     """By output: good, fair or useless, and why. scores: of a free run, each period [s]; bands: what they hold, by
-    level and output.
-    """
+    level and output; limits: why no run is better than fair, however well it fits.
+    """  # fmt: skip
     floors, found = noise_floors(rig, period), {}
     for name, floor in floors.items():
         own = scores.get("outputs", {}).get(name, scores)
@@ -44,10 +48,11 @@ def judgement(
             if floor > 0.0:
                 ratio = own["rmse"] / floor
                 why.append(f"its error is {ratio:.2g} times the sensor's noise{' alone' if ratio <= NOISE else ''}")
-        wide = bands.get("0.9", {}).get(name)
+        limited, wide = list(limits), bands.get("0.9", {}).get(name)
         if wide and wide["held"] < HELD:
-            grade = "fair" if grade == "good" else grade
             held = f"its 90 % band holds {100.0 * wide['held']:.0f} %"
-            why.append(f"{held}: the model is too sure of itself, or the record differs in rig, scale or time")
+            limited.append(f"{held}: the model is too sure of itself, or the record differs in rig, scale or time")
+        grade = "fair" if limited and grade == "good" else grade
+        why += limited
         found[name] = f"{grade}: {', '.join(why)}"
     return found

@@ -115,9 +115,14 @@ def test_a_guess_from_a_loop_s_record_may_be_the_feedback_s_inverse(call, tmp_pa
     assert program("rig", "from", "held.csv", "./held", "--input", "current", "--output", "gap")[0] == 0
     assert program("import", "held.csv", "--rig", "./held")[0] == 0
     rig = hs.load_rig("./held")
-    kinds = [item.kind for item in findings_of(hs.read_bag("bags/held", rig), rig)]
+    record = hs.read_bag("bags/held", rig)
+    kinds = [item.kind for item in findings_of(record, rig)]
     assert "closed loop" in kinds
     assert "swapped channels" not in kinds
+    model = hs.identify(record, rig, "gray", part=(0.0, 0.6))
+    found = model.evaluate(record, part=(0.6, 1.0))
+    assert found.uses["guessed_law"]["feedback"] == ["current answers gap"]
+    assert not any(words.startswith("good") for words in found.judgement.values())
 
 
 @pytest.mark.parametrize("period", [3600.0, 1e-4])
