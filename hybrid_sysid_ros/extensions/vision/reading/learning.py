@@ -43,7 +43,8 @@ FEWEST = 40
 """Pictures that a learner needs."""
 NARROWEST = 240
 """Columns of a picture: at 160 the first angles have come out mirrored."""
-LEAST_MASS = 0.03  # of the ring with most, of one that the sprite reaches
+LEAST_MASS = 0.03  # of the ring with most, of one that the sprite reaches; of most pictures', of one that tells
+SEEN = 0.75  # of the pictures, by mass: in those above the joint has left its rest, not all show one who comes by
 SMALLEST_SWING = 3.0  # pixels of the sprite's end: what moves less is no motion to learn from
 ITS_REACH = (0.7, 1.4)
 """Of the scene's sprite, between which that of what was learned lies: drawings are rough, other rigs are others."""
@@ -103,7 +104,7 @@ def learn(
 def _first_layers(
     film: Film, lights: Array, rig: Rig, readout: float, progress: Callable[[str], object]
 ) -> tuple[PictureLayers, Array]:
-    """Layers about the scene's pivot, and the angles (pictures,) [rad] of what differs from the median.
+    """Layers about the scene's pivot, and the angles (pictures,) [rad] of what differs from the median, where it does.
 
     Raises UserError where nothing turns.
     """
@@ -115,18 +116,19 @@ def _first_layers(
     noise = max(float(np.median(left)) / 0.6745, 0.5)
     progress("first angles")
     angles, reach = _first_angles(film, lights, still, noise, tuple(pivot.tolist()), span)
-    if not float(np.ptp(angles)) * reach > SMALLEST_SWING:
+    known = np.isfinite(angles)
+    if not float(np.ptp(angles[known])) * reach > SMALLEST_SWING:
         _refuse_light(still)
         raise UserError("nothing that turns is seen in the pictures: is it the rig's video, and does the rig move?")
     geometry = Geometry(
         rig=rig.name, joint=scene.joint, pivot_x=float(pivot[0]), pivot_y=float(pivot[1]), first_u=0.0, first_v=0.0,
         low=0.0, high=FULL if span >= FULL else 0.0, noise=noise, readout=readout,
     )  # fmt: skip
-    layers = _outlined(film, lights, angles, still, geometry, reach)
+    layers = _outlined(film[known], lights[known], angles[known], still, geometry, reach)
     tilt, clear = _axis(layers.alpha, *_coordinates(layers))
     if clear > NO_AXIS:  # a sprite that lies along its texels' rows is blurred least between them
         angles = angles - tilt
-        layers = _outlined(film, lights, angles, still, geometry, reach)
+        layers = _outlined(film[known], lights[known], angles[known], still, geometry, reach)
     return layers, angles
 
 
@@ -139,7 +141,7 @@ def _improved(
     """
     full = layers.geometry.high >= FULL
     gains = np.tile(lights[:, None], (1, film.shape[1]))
-    good = np.ones(len(film), dtype=bool)
+    good = np.isfinite(angles)
     way = PivotWay()
     for turn in range(MOST_ROUNDS):
         progress(f"layers, round {turn + 1}")
@@ -153,7 +155,7 @@ def _improved(
             reading = reader.read(picture)
             gains[k], explained[k] = reader.gains, reading.explained
             angles[k] = reading.angle if reading.found else angles[k]
-        good = explained >= EXPLAINED
+        good = (explained >= EXPLAINED) & np.isfinite(angles)
         if good.sum() < len(film) / 2:
             _refuse_light(median_picture(film, lights))
             raise UserError(
@@ -205,31 +207,31 @@ def _first_angles(
     and how far the sprite reaches from its pivot [pixels].
 
     What is brighter than the median is the sprite or, where the median has the sprite in it, its absence; of brighter
-    and darker the one is taken that turns more.
+    and darker the one is taken that turns more. A picture that differs too little to tell its angle has NaN.
     """
-    (rows, columns), best = still.shape, (np.zeros(len(film)), 1.0)
+    (rows, columns), angles, reach, most_turned = still.shape, np.zeros(len(film)), 1.0, 0.0
     radius = max(math.hypot(x - pivot[0], y - pivot[1]) for x in (0, columns) for y in (0, rows))
     most = min(round(span / FULL * DIRECTIONS), DIRECTIONS // 2)
     for sign in (1.0, -1.0):
         maps = polar_maps(film, lights, still, pivot, (RINGS, DIRECTIONS), radius, 4.0 * noise + 6.0, sign)
-        mass = maps.sum(axis=(0, 2))
+        masses, mass = maps.sum(axis=(1, 2), dtype=np.float64), maps.sum(axis=(0, 2))
         if not mass.max() > 0.0:
             continue
-        near = np.minimum(mass[:, None], 1e30)[:, 0] > LEAST_MASS * mass.max()
-        reach = (int(np.flatnonzero(near)[-1]) + 2) / RINGS * radius
         spectra = np.fft.rfft(maps, axis=2)
         if span < math.pi:
             spectra[:, :, :BROAD] = 0.0
-        template = spectra[int(np.argmax(maps.sum(axis=(1, 2))))]
+        template = spectra[int(np.argmax(masses))]
         for _ in range(3):
             likeness = np.fft.irfft((spectra * np.conj(template)).sum(axis=1), n=DIRECTIONS, axis=1)
             shifts = np.array([_peak(row, most) for row in likeness])
             turned = np.exp(2j * np.pi * np.arange(spectra.shape[2])[None] * shifts[:, None] / DIRECTIONS)
             template = (spectra * turned[:, None, :]).mean(axis=0)
-        angles = -2.0 * np.pi * shifts / DIRECTIONS
-        if float(np.std(angles)) * float(maps.sum()) > float(np.std(best[0])) * best[1]:
-            best, found = (angles, float(maps.sum())), reach
-    return best[0], found if best[1] > 1.0 else 1.0
+        found = -2.0 * np.pi * shifts / DIRECTIONS
+        tells = masses > LEAST_MASS * np.quantile(masses, SEEN)
+        if (much := float(masses[tells] @ np.abs(found - np.median(found[tells]))[tells])) > most_turned:
+            angles, most_turned = np.where(tells, found, np.nan), much
+            reach = (int(np.flatnonzero(mass > LEAST_MASS * mass.max())[-1]) + 2) / RINGS * radius
+    return angles, reach
 
 
 def _peak(likeness: Array, most: int) -> float:

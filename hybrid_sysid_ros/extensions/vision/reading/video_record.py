@@ -42,6 +42,7 @@ CLOCKS = 1e-3  # by which two clocks may differ in pace, at most
 OFF_SCALE = 0.01  # of a sensor's scale that is no other one than the picture's: seen 8 degrees beside the axis
 EARLY = 20  # of a picture's time, by which its last rows may be of an earlier moment than its rate says
 BENT = math.radians(0.03)  # of a film's angles beside a sensor's, that is said
+MARKS = "click four marks on the page of --check if the camera looks from the side"
 APART = 5.0  # deviations, by which lamp and motion may tell other shifts
 
 
@@ -170,6 +171,7 @@ def contradictions(record: VideoRecord) -> Iterator[str]:
     if record.onset is None:
         yield "no lamp goes on in the film: its time follows from the motion alone"
     if (found := record.synchronisation) is None:
+        yield from _alone(record)
         return
     assert record.reference is not None
     if (kind := record.reference.kind) is not MotionSource.POSITION:
@@ -194,27 +196,37 @@ def contradictions(record: VideoRecord) -> Iterator[str]:
             yield f"the lamp goes on {when} the bag begins, as the motion has it: the time is that of the motion"
 
 
+def _squared(record: VideoRecord) -> bool:
+    """Whether marks put the film's view right."""
+    return record.footage.view is not None and record.footage.view.square is not None
+
+
+def _alone(record: VideoRecord) -> Iterator[str]:
+    """What is said where no sensor tells how large a film's angles are."""
+    if not _squared(record):
+        yield f"the film alone tells how large angles are, as if it looked along the axis: {MARKS}"
+
+
 def _beside_the_axis(record: VideoRecord, found: Synchronisation, kind: MotionSource) -> Iterator[str]:
     """What speaks for a camera that does not look along the joint's axis: seen from the side by an angle s, angles are
     up to 1 / cos s times as large, and bend where they are large.
     """
-    marks = "click four marks on the page of --check if the camera looks from the side"
-    if record.footage.view is not None and record.footage.view.square is not None:
+    if _squared(record):
         return
     if kind is MotionSource.INPUT:
-        yield f"the film alone tells how large angles are, as if it looked along the axis: {marks}"
+        yield from _alone(record)
         return
     off = abs(found.scale - 1.0)
     if off > OFF_SCALE + 3.0 * float(found.deviations[2]):
         seen = math.degrees(math.acos(min(found.scale, 1.0 / found.scale)))
         yield (
             f"the sensor's angles are {found.scale:.4g} times the film's, as a view from {seen:.0f} degrees beside the "
-            f"axis makes them: the sensor's count; {marks}"
+            f"axis makes them: the sensor's count; {MARKS}"
         )
     if kind is MotionSource.POSITION and found.bend > BENT:
         yield (
             f"the film's angles bend by {math.degrees(found.bend):.2g} degrees, rms, beside the sensor's, as a view "
-            f"from the side, a lens or the sensor makes them, which their deviation holds: {marks}"
+            f"from the side, a lens or the sensor makes them, which their deviation holds: {MARKS}"
         )
 
 

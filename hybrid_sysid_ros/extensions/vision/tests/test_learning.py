@@ -9,7 +9,7 @@ import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, learn
+from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, _first_angles, learn
 from hybrid_sysid_ros.extensions.vision.reading.pivot import PivotWay
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.scene import scene_of, with_pivot
@@ -135,3 +135,21 @@ def test_a_film_that_is_white_or_dark_is_refused_by_its_light(counts: int, words
     film = np.full((60, 136, 240), counts, dtype=np.uint8)
     with pytest.raises(UserError, match=words):
         learn(film, load("cam_beam"), readout=0.0)
+
+
+def test_a_light_bar_that_rests_for_long_is_read_where_it_is_seen_and_not_where_it_is_missed() -> None:
+    """The median has it in its place of rest, and noise there is all that is darker while it rests."""
+    random = np.random.default_rng(0)
+    truth = np.concatenate([np.zeros(30), 0.2 * np.sin(np.linspace(0.0, 12.0, 25))])
+    y, x = np.mgrid[:90, :160] - np.array([45.0, 80.0])[:, None, None]
+    bars = [
+        np.clip(2.0 - np.abs(y * np.cos(angle) + x * np.sin(angle)), 0.0, 1.0) * (np.hypot(x, y) < 70.0)
+        for angle in truth
+    ]
+    film = np.clip(140.0 + 80.0 * np.array(bars) + 0.3 * random.standard_normal((55, 90, 160)), 0, 255).astype(np.uint8)
+    film[3, 60:64, 20:24] = 120  # a spot of something else
+    still = np.median(film, axis=0).astype(np.float32)
+    angles, _ = _first_angles(film, np.ones(55), still, 0.5, (80.0, 45.0), math.radians(26.0))
+    known = np.isfinite(angles)
+    assert known[30:].sum() > 20
+    assert np.std(np.degrees(angles - truth)[known]) < 1.0  # improved later

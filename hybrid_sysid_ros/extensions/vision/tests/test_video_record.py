@@ -116,6 +116,12 @@ def test_what_a_film_is_off_by_beside_its_sensor_is_in_its_deviation_and_said(he
     assert any("beyond their noise" in line for line in video_record.contradictions(record)) == bool(held)
 
 
+def test_a_film_without_a_bag_says_that_nothing_tells_the_size_of_its_angles(wheel: SeenExperiment) -> None:
+    """Seen from 20 degrees beside the axis, angles are 6 % too large, and no residual shows it."""
+    record = video_record.joined(wheel.footage, wheel.layers, wheel.rig, None, exposure=0.008)
+    assert any("the film alone tells how large" in line for line in video_record.contradictions(record))
+
+
 @pytest.mark.parametrize(("jump", "hangs"), [(0.0, False), (0.02, True)])
 def test_equal_pictures_are_a_camera_that_hangs_only_where_the_joint_jumps(jump: float, hangs: bool) -> None:
     """A codec repeats its picture while the joint rests."""
