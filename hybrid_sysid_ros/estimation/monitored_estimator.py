@@ -16,7 +16,6 @@ from hybrid_sysid_ros.estimation.frozen_sensor import ENOUGH, FrozenSensorDetect
 from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
 from hybrid_sysid_ros.estimation.observability import spare_sensors
 from hybrid_sysid_ros.estimation.reversed_input import (
-    NONE,
     ReversalTrial,
     acts_reversed,
     begin_trial,
@@ -25,15 +24,15 @@ from hybrid_sysid_ros.estimation.reversed_input import (
     signed_roots,
     turn_input,
 )
+from hybrid_sysid_ros.estimation.sensor_bank import ASTRAY, BankMember, SensorTrial, agrees, explains, suspect, weigh
 from hybrid_sysid_ros.estimation.sensor_monitor import SensorMonitor
 from hybrid_sysid_ros.estimation.sensor_monitoring import (
     AGREED,
+    NONE,
     MonitoredSensor,
-    MonitorRecord,
     have_jumped,
-    is_any_left_out,
     is_contradicted,
-    judge_sensors,
+    only_left_out,
     readmit,
     renew,
 )
@@ -47,14 +46,8 @@ DIVERGED = 1.5
 """Evidence of an estimated input disturbance that is at its limit."""
 NEARLY = 0.999
 """Share of its limit from which on a disturbance is at it."""
-ASTRAY = 0.3
-"""Time [s] of evidence against an estimate after which it is initialised again from the next measurement, since it has
-diverged and would converge slowly."""
 SOUND = 3.0
 """Mean square of normalised innovations within which an estimate agrees with a sensor: 1 is expected."""
-PROBATION = 5.0
-"""Time [s] for which the second estimate must agree with a sensor that jumped and did not jump back, beside the others:
-one that drifted unseen is right after its jump, and one that is wrong will contradict the model in that time."""
 GAP = 3.5
 """Periods without a measurement, after which innovations say nothing against the sensors for a while."""
 
@@ -93,17 +86,6 @@ class EstimateWatch:
     unjudged: int = 0
     diverged: bool = False
     astray: bool = False
-
-
-@dataclass(slots=True)
-class SensorTrial:
-    """A second estimate that tries all sensors while one is left out. enough: for how long it must agree with them [s].
-    agreed: for how long it has [s], NaN where it must begin anew. away: whether it has begun at one that jumped away.
-    """
-
-    enough: float
-    agreed: float = math.nan
-    away: bool = False
 
 
 def screen(
@@ -151,42 +133,29 @@ def watch_estimate(
         watch.doubted, watch.astray = 0.0, True
 
 
-def may_try(trial: SensorTrial, sensors: Sequence[MonitoredSensor], shown: Floats) -> bool:
-    """Whether a second estimate can use readings (p,): it waits for a first one, and begins anew at one that jumps."""
-    any_shown = away = False
-    for k in range(len(sensors)):
-        away = away or sensors[k].away
-        any_shown = any_shown or math.isfinite(shown[k])
-    if away != trial.away:
-        trial.away, trial.agreed = away, math.nan
-    return any_shown or not math.isnan(trial.agreed)
-
-
-def agrees(
-    trial: SensorTrial, monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], shown: Floats, normalised: Floats,
-    elapsed: float,
-) -> bool:  # fmt: skip
-    """Judge an update of the second estimate; whether it has agreed with its sensors (p,) for long enough."""
-    judge_sensors(monitor, sensors, shown, normalised, shown, elapsed)  # none of them is ever left out
-    trial.agreed = math.nan if is_contradicted(sensors) else trial.agreed + elapsed
-    return trial.agreed > (PROBATION if trial.away else trial.enough)
+def is_any(readings: Floats) -> bool:
+    """Whether one of the readings is a number."""
+    found = False
+    for k in range(len(readings)):
+        found = found or math.isfinite(readings[k])
+    return found
 
 
 class MonitoredEstimator:
-    """An estimator with its monitor. It makes no other estimates than the one in it, but for what it leaves out.
+    """An estimator with its monitor, and a bank of others that do without one sensor each.
+
+    One of these takes over when its sensor is left out. At its place in the bank all sensors are tried meanwhile, by an
+    estimate that begins anew whenever they contradict it. Where that has agreed with them for AGREED seconds, and
+    the sensor has jumped back or agrees with the others, or for PROBATION, both change places again.
 
     Where several jump at once, and the rig can't rest, none is used for a while: the model goes on alone.
 
-    While a sensor is left out, a second estimator of all sensors begins anew whenever they contradict it. It takes the
-    place of the first one when it has agreed for AGREED seconds: so a sensor is tried without spoiling the estimate.
-    One that jumped must jump back before, or agree for PROBATION: an estimate that begins at it has nothing against a
-    slow state that is wrong.
-
     filter: the estimator. monitor: see :class:`~.sensor_monitor.SensorMonitor`. frozen: a detector for each output.
     shown: the readings of the newest measurement (p,), NaN where a sensor is frozen. outputs: those that were used.
-    watch: see :class:`EstimateWatch`. trial, agreement, tried: the second estimator, None where no sensor can be left
-    out, its monitor, and what came of it. rivals, judge, reversal: the two of :mod:`~.reversed_input`, none where no
-    input may be reversed, the monitor of the one with the other sign, and what came of it.
+    watch: see :class:`EstimateWatch`. bank, members: of :mod:`~.sensor_bank`, None where no estimate can do without the
+    sensor. agreement, tried: the monitor of the estimate that tries all, and what came of it. rivals, judge, reversal:
+    the two of :mod:`~.reversed_input`, none where no input may be reversed, the monitor of the one with the other sign,
+    and what came of it.
     """
 
     def __init__(
@@ -206,7 +175,7 @@ class MonitoredEstimator:
         self._covered = [item.name in others for item in system.outputs]
         self._deviations = np.hypot(tuning.measurement_noise, tuning.hum_amplitude).tolist()
         self.outputs, self.shown = np.zeros(len(system.outputs)), np.zeros(len(system.outputs))
-        self.trial = self._new() if self._spare.any() else None
+        self.bank = [self._new() if spare else None for spare in self._spare]
         self.rivals = [self._new() for _ in range(2 if any(settings.reversible) else 0)]
         self.begin()
 
@@ -239,6 +208,14 @@ class MonitoredEstimator:
         self.frozen, self.ring = frozen_detectors(self.settings.white_noise, after)
         self.watch = EstimateWatch(self._period, self.tuning.patience)
         self.tried = SensorTrial(max(AGREED, ENOUGH * self._period))
+        self.members = [BankMember(place) for place in (np.cumsum(self._spare) * self._spare).tolist()]
+        self._reset_bank()
+
+    def _reset_bank(self) -> None:
+        """Begin all further estimates anew."""
+        for other in self.bank:
+            if other is not None:
+                other.reset()
 
     def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """See :meth:`.estimator.Estimator.update`."""
@@ -252,9 +229,11 @@ class MonitoredEstimator:
         acting = self.acting(applied)
         estimate = self.filter.update(time, self.outputs, acting)
         if elapsed := time_to_judge(watch, time):
+            before = only_left_out(sensors)
+            others = self._others(before, time, acting, elapsed)
             self._judge(estimate, applied, elapsed)
-            if self.trial is not None and is_any_left_out(sensors) and may_try(self.tried, sensors, shown):
-                estimate = self._try_again(self.trial, time, acting, elapsed) or estimate
+            estimate = self._chosen(estimate, others, before, elapsed)
+            watch_estimate(watch, sensors, estimate.disturbance.tolist(), self.limits.tolist(), elapsed)
             if (
                 self.rivals
                 and not have_jumped(self.monitor.record)
@@ -270,32 +249,60 @@ class MonitoredEstimator:
         return found
 
     def _judge(self, estimate: StateEstimate, applied: Array, elapsed: float) -> None:
-        """Judge the evidence against an estimate, which begins anew where that lasts too long."""
-        sensors, out = self.monitor.sensors, sum(self.monitor.counts)
-        expected = self.expected(estimate, applied).tolist() if is_any_left_out(sensors) else None
-        self.monitor.judge(self.shown.tolist(), estimate.normalised.tolist(), expected, elapsed)
-        if sum(self.monitor.counts) > out:
-            self.filter.loosen()
+        """Judge the evidence against an estimate, and leave out the sensor that is behind it."""
+        monitor, out = self.monitor, sum(self.monitor.counts)
+        expected = self.expected(estimate, applied).tolist() if any(monitor.left_out) else None
+        normalised, which = estimate.normalised.tolist(), suspect(self.members)
+        monitor.judge(
+            self.shown.tolist(), normalised, expected, elapsed, which, explains(self.members, which, len(applied))
+        )
+        if sum(monitor.counts) > out:
             self.tried.agreed = math.nan
-        watch_estimate(self.watch, sensors, estimate.disturbance.tolist(), self.limits.tolist(), elapsed)
+        if sum(monitor.counts) > out + 1:
+            self.filter.loosen()
 
-    def _try_again(self, whole: Estimator, time: float, applied: Array, elapsed: float) -> StateEstimate | None:
-        """Use all sensors again once a second estimate, which begins anew where they contradict it, agrees with all;
-        that estimate, from where the loop is led on.
+    def _others(self, before: int, time: float, acting: Array, elapsed: float) -> list[StateEstimate | None]:
+        """Update the bank, in which the estimate that tries all sensors is in the place of the one that is left out,
+        ``before``.
         """
-        tried, second = self.tried, self.agreement
-        if math.isnan(tried.agreed):
-            whole.reset()
-            renew(second.sensors)
-            tried.agreed = 0.0
-        estimate = whole.update(time, self.shown, applied)
-        normalised = estimate.normalised.tolist()
-        if not agrees(tried, second.record, second.sensors, self.shown.tolist(), normalised, elapsed):
-            return None
-        whole.counters, self.filter.counters = self.filter.counters, whole.counters
-        self.filter, self.trial = whole, self.filter
-        readmit(self.monitor.sensors)
-        return estimate
+        found = list[StateEstimate | None]()
+        for k, other in enumerate(self.bank):
+            given, tries = self.shown.copy(), k == before
+            if not tries:
+                given[k] = math.nan
+            if other is None or not is_any(given.tolist()):
+                found.append(None)
+                continue
+            if tries and math.isnan(self.tried.agreed):
+                other.reset()
+                renew(self.agreement.sensors)
+                self.tried.agreed = 0.0
+            estimate = other.update(time, given, acting)
+            found.append(estimate)
+            if not tries and weigh(self.members, k, self.monitor.sensors, estimate.normalised.tolist(), elapsed):
+                other.reset()
+        return found
+
+    def _chosen(
+        self, estimate: StateEstimate, others: Sequence[StateEstimate | None], before: int, elapsed: float
+    ) -> StateEstimate:
+        """The estimate that is the loop's from now on: without a sensor that is left out now, or of all sensors once
+        that has agreed with them; before: the sensor that was left out until now.
+        """
+        sensors, second, out = self.monitor.sensors, self.agreement, only_left_out(self.monitor.sensors)
+        if before not in (NONE, out) and (given_up := self.bank[before]) is not None:
+            given_up.reset()
+        found, other = (None, None) if out == NONE else (others[out], self.bank[out])
+        if found is None or other is None:
+            return estimate
+        if out == before:
+            normalised, is_back = found.normalised.tolist(), sensors[out].is_back
+            if not agrees(self.tried, second.record, second.sensors, self.shown.tolist(), normalised, is_back, elapsed):
+                return estimate
+            readmit(sensors)
+        other.counters, self.filter.counters = self.filter.counters, other.counters
+        self.filter, self.bank[out] = other, self.filter
+        return found
 
     def _compete(self, time: float, acting: Array, elapsed: float) -> StateEstimate | None:
         """Update both rivals; the estimate of the one with the other sign where that is believed."""
@@ -315,7 +322,8 @@ class MonitoredEstimator:
         other.counters, self.filter.counters = self.filter.counters, other.counters
         self.filter, self.rivals[1] = other, self.filter
         believe_other(reversal, self.monitor.sensors)
-        self.watch.doubted, self.tried.agreed = 0.0, math.nan
+        self.watch.doubted = 0.0
+        self._reset_bank()
         return estimates[1]
 
     def expected(self, estimate: StateEstimate, applied: Array) -> Array:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 from hybrid_sysid_ros.estimation.sensor_monitoring import (
     BLAMELESS,
+    NONE,
     MonitoredSensor,
     MonitorRecord,
     has_relapsed,
@@ -30,8 +31,6 @@ from hybrid_sysid_ros.estimation.sensor_monitoring import (
 )
 from hybrid_sysid_ros.support.arrays import Floats
 
-NONE = -1
-"""The index of no input."""
 RATIO = 30.0
 """L from which on a gain below zero is believed. Wald's threshold for a share alpha of errors is log 1/alpha, 14 for
 1e-6; innovations of a real rig are neither white nor normal, and the filters are asked every period."""
@@ -133,7 +132,7 @@ def acts_reversed(
     for k in range(len(sensors)):
         e = 0.5 * (own[k] + other[k]) + gain * 0.5 * (own[k] - other[k])
         own[k] = e * e
-    judge_sensors(monitor, sensors, shown, own, shown, elapsed)  # none of them is ever left out
+    judge_sensors(monitor, sensors, shown, own, shown, elapsed, NONE, False)  # none of them is ever left out
     is_sure = found > STRONGEST and 0.5 * gain * gain * trial.power > RATIO
     trial.sure = trial.sure + elapsed if is_sure else 0.0
     if is_contradicted(sensors):

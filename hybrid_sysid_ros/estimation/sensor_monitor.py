@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.estimation.sensor_monitoring import (
+    NONE,
     MonitoredSensor,
     MonitorRecord,
     doubt_of,
@@ -67,8 +68,16 @@ class SensorMonitor:
         """See :func:`doubt_of`."""
         return doubt_of(self.sensors)
 
-    def judge(self, readings: Floats, normalised: Floats, expected: Floats | None, elapsed: float) -> None:
+    def judge(
+        self,
+        readings: Floats,
+        normalised: Floats,
+        expected: Floats | None,
+        elapsed: float,
+        which: int = NONE,
+        stands_out: bool = False,
+    ) -> None:
         """See :func:`judge_sensors`."""
         known = expected if expected is not None else [math.nan] * len(self.sensors)
-        judge_sensors(self.record, self.sensors, readings, normalised, known, elapsed)
+        judge_sensors(self.record, self.sensors, readings, normalised, known, elapsed, which, stands_out)
         go_on_alone(self.record, self.sensors, elapsed)

@@ -9,8 +9,13 @@ from dataclasses import dataclass
 from hybrid_sysid_ros.estimation.suspicion import CLEAREST, suspicion
 from hybrid_sysid_ros.support.arrays import Floats
 
+NONE = -1
+"""The index of no sensor, and of no input."""
 AVERAGE, LONG_AVERAGE = 0.1, 0.4
 """Time constants [s] of the mean squares that are compared with the largest and with the least that is plausible."""
+STANDS_OUT = 10.0
+"""Mean square that is evidence, too, where an estimate without one sensor explains all others: what the model does not
+know would show in these as well."""
 LASTING = 2.0
 """Weight of the longer mean square: a load or a reversal that the model does not know is soon over."""
 MISSING = 2.0
@@ -18,8 +23,7 @@ MISSING = 2.0
 AGREES = 0.5
 """Share of the largest mean square within which a sensor that was left out agrees with the estimate again."""
 BLAMELESS = 3.0
-"""Time [s] for which the other sensors must have been beyond doubt before one is left out: where two contradict the
-model at once, it is more likely that the model or an actuator is wrong. One after the other may well fail."""
+"""Time [s] for which no sensor is left out after it was in vain, since the model or an actuator is wrong then."""
 SUDDEN = 2.0
 """Multiple of the largest mean square that is still plausible, by which a first suspicious reading has jumped: what an
 actuator does shows in a sensor by and by. Found by trial on rehearsed faults."""
@@ -42,6 +46,8 @@ class MonitorRecord:
     timeout: float
     alone: float
     """Time [s] for which the model may go on alone, without sensors that jumped; 0 where the rig can rest instead."""
+    given_up: float = BLAMELESS
+    """Since it was in vain to leave one out [s]."""
     spent: float = 0.0
     """For how long it has [s]."""
     calm: float = BLAMELESS
@@ -81,10 +87,10 @@ class MonitoredSensor:
     """Whether it jumped off what was expected, and not back: it lies, even where an estimate that believes it explains
     the others, too.
     """
+    is_back: bool = False
+    """Whether it has jumped back, or agreed with the estimate without it, since it was left out."""
     silent: float = 0.0
     """Since its last reading [s]."""
-    blamed: float = BLAMELESS
-    """Since it was under suspicion last [s]."""
     back: float = BLAMELESS
     """Since it was let back, for it agreed with the others [s]."""
     relapses: int = 0
@@ -120,17 +126,18 @@ def judge_sensors(
     normalised: Floats,
     expected: Floats,
     elapsed: float,
+    which: int,
+    stands_out: bool,
 ) -> None:
     """Take in an update after ``elapsed`` [s]: readings (outputs,), NaN where there is none, the parts (outputs,) of
-    the normalised innovation, and, where a sensor is left out, what the estimate expects (outputs,).
-
-    A sensor under suspicion for ``leave_after`` is left out where the others tell the state and were beyond doubt
-    themselves, and comes back when it has agreed with the estimate for as long, or by :func:`readmit`.
+    the normalised innovation, and, where a sensor is left out, what the estimate expects (outputs,). which, stands_out:
+    the sensor that is left out once any one is under suspicion for ``leave_after``, and whether an estimate explains
+    all others, of :mod:`~.sensor_bank`. It comes back by :func:`readmit`.
     """
-    count, worst, most = len(sensors), 0, -1.0
+    count, most = len(sensors), 0.0
+    monitor.given_up += elapsed
     for k in range(count):
         sensors[k].silent = sensors[k].silent + elapsed if math.isnan(readings[k]) else 0.0
-        sensors[k].blamed += elapsed
         sensors[k].back += elapsed
         is_inside = not (readings[k] < sensors[k].low or readings[k] > sensors[k].high)
         sensors[k].beyond = 0.0 if is_inside else sensors[k].beyond + elapsed
@@ -139,18 +146,16 @@ def judge_sensors(
         else:
             if sensors[k].seconds == 0.0 and sensors[k].mean < STEADY:
                 sensors[k].away = normalised[k] > SUDDEN * sensors[k].largest
-            r = _evidence(monitor, sensors, k, normalised[k], elapsed)
+            r = _evidence(monitor, sensors, k, normalised[k], elapsed, stands_out)
             seconds = suspicion(sensors[k].seconds, r, elapsed, 2.0 * monitor.leave_after)
             sensors[k].evidence, sensors[k].seconds = r, seconds
-            if seconds > 0.0 and r > 1.0:
-                sensors[k].blamed = 0.0
     if _is_vain(monitor, sensors) or _shows_a_fall(sensors):
         _give_up(sensors)
+        monitor.given_up = 0.0
     for k in range(count):
-        if sensors[k].spare and sensors[k].seconds > most:
-            worst, most = k, sensors[k].seconds
-    if most >= monitor.leave_after and _may_leave(monitor, sensors, worst):
-        _leave_out(sensors, worst)
+        most = max(most, sensors[k].seconds)
+    if which != NONE and most >= monitor.leave_after and _may_leave(monitor, sensors, which):
+        _leave_out(sensors, which)
 
 
 def go_on_alone(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], elapsed: float) -> None:
@@ -183,22 +188,26 @@ def have_jumped(monitor: MonitorRecord) -> bool:
 
 
 def _leave_out(sensors: Sequence[MonitoredSensor], k: int) -> None:
-    sensors[k].left_out, sensors[k].evidence = True, 0.0
+    sensors[k].left_out, sensors[k].is_back, sensors[k].evidence = True, False, 0.0
     sensors[k].mean = CLEAREST * sensors[k].largest
     sensors[k].reading = sensors[k].off = math.nan
     sensors[k].count += 1
     sensors[k].relapses = sensors[k].relapses + 1 if sensors[k].back < BLAMELESS else 0
+    for j in range(len(sensors)):
+        if j != k:
+            sensors[j].mean = sensors[j].lasting = 1.0
+            sensors[j].large = sensors[j].seconds = 0.0
 
 
 def _give_up(sensors: Sequence[MonitoredSensor]) -> None:
     """Use all sensors again: the model or an actuator is to blame, and none is left out for a while."""
     readmit(sensors)
     for k in range(len(sensors)):
-        sensors[k].blamed, sensors[k].back = 0.0, BLAMELESS
+        sensors[k].back = BLAMELESS
 
 
 def _evidence(
-    monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], k: int, square: float, elapsed: float
+    monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], k: int, square: float, elapsed: float, stands_out: bool
 ) -> float:
     if sensors[k].silent > monitor.timeout:
         return 0.0 if sensors[k].spare else MISSING
@@ -209,6 +218,8 @@ def _evidence(
         clear = min(clear, LASTING * largest)  # so that it is forgotten soon
         sensors[k].lasting += min(elapsed / LONG_AVERAGE, 1.0) * (clear - sensors[k].lasting)
     sensors[k].large = max(sensors[k].mean, LASTING * sensors[k].lasting) / largest
+    if stands_out:
+        sensors[k].large = max(sensors[k].large, sensors[k].mean / STANDS_OUT)
     small = 0.0
     if least > 0.0:
         small = least / sensors[k].lasting if sensors[k].lasting > 0.0 else CLEAREST
@@ -218,12 +229,12 @@ def _evidence(
 def _compare(
     monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], k: int, reading: float, expected: float, elapsed: float
 ) -> None:
-    """Let a sensor back that agrees with the estimate."""
+    """Find whether a sensor agrees with the estimate again, or has jumped back."""
     largest, off = sensors[k].largest, reading - expected
     jump = min(abs(reading - sensors[k].reading), abs(off - sensors[k].off))
     sensors[k].reading, sensors[k].off = reading, off
     if jump > sensors[k].noise * math.sqrt(2.0 * SUDDEN * largest) or sensors[k].silent > monitor.timeout:
-        sensors[k].away = False
+        sensors[k].away, sensors[k].is_back = False, True
     square = min((off / sensors[k].noise) * (off / sensors[k].noise), CLEAREST * largest)
     agrees = False
     if math.isfinite(square):
@@ -231,8 +242,7 @@ def _compare(
         agrees = sensors[k].mean < AGREES * largest
     evidence = 0.0 if agrees else CLEAREST
     sensors[k].seconds = suspicion(sensors[k].seconds, evidence, elapsed, 2.0 * monitor.leave_after)
-    if sensors[k].seconds == 0.0 and not have_jumped(monitor):
-        _admit(sensors, k)
+    sensors[k].is_back = sensors[k].is_back or sensors[k].seconds == 0.0
 
 
 def readmit(sensors: Sequence[MonitoredSensor]) -> None:
@@ -254,6 +264,15 @@ def is_any_left_out(sensors: Sequence[MonitoredSensor]) -> bool:
     for k in range(len(sensors)):
         found = found or sensors[k].left_out
     return found
+
+
+def only_left_out(sensors: Sequence[MonitoredSensor]) -> int:
+    """The one sensor that is left out now, NONE where none or several are."""
+    found, count = NONE, 0
+    for k in range(len(sensors)):
+        if sensors[k].left_out:
+            found, count = k, count + 1
+    return found if count == 1 else NONE
 
 
 def has_relapsed(sensors: Sequence[MonitoredSensor]) -> bool:
@@ -283,13 +302,12 @@ def _shows_a_fall(sensors: Sequence[MonitoredSensor]) -> bool:
     return found
 
 
-def _may_leave(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], worst: int) -> bool:
-    """One that relapses is known: the others need not have been beyond doubt meanwhile."""
-    relapses = sensors[worst].back < BLAMELESS
+def _may_leave(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], which: int) -> bool:
+    """Whether a sensor may be left out; one that relapses is known."""
+    if monitor.given_up < BLAMELESS and not sensors[which].back < BLAMELESS:
+        return False
     for j in range(len(sensors)):
-        missing = j != worst and sensors[j].silent > monitor.timeout
-        blamed = j != worst and sensors[j].blamed < BLAMELESS and not relapses
-        if sensors[j].left_out or missing or blamed:
+        if sensors[j].left_out or (j != which and sensors[j].silent > monitor.timeout):
             return False
     return True
 

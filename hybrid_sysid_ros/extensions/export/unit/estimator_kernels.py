@@ -181,7 +181,7 @@ def estimate(loop: PrintedLoop, time: float) -> bool:
         stamps.last = time
         _take(loop, time, since)
     elif valid == 0:
-        filtered(loop.memory, LOOK, 0.0, 0.0, 0, loop.outputs, loop.applied, loop.out, loop.P, predict)
+        answer_again(loop)
     elif elapsed > 0.0:
         loop.progress[0].resets += 1
         begin(loop, time)
@@ -221,6 +221,11 @@ def _take(loop: PrintedLoop, time: float, since: float) -> None:
             copy(loop.out[first : first + 2 * p + 1], innovations)
             filtered(loop.memory, BEGIN, 0.0, 0.0, index, loop.outputs, loop.applied, loop.out, loop.P, predict)
             copy(innovations, loop.out[first : first + 2 * p + 1])
+
+
+def answer_again(loop: PrintedLoop) -> None:
+    """The newest estimate, without innovations."""
+    filtered(loop.memory, LOOK, 0.0, 0.0, 0, loop.outputs, loop.applied, loop.out, loop.P, predict)
 
 
 def loosen(loop: PrintedLoop) -> None:

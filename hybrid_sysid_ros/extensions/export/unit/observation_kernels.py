@@ -13,16 +13,8 @@ import numpy as np
 from hybrid_sysid_ros.core.addresses import numbers_at
 from hybrid_sysid_ros.estimation.belief import copy
 from hybrid_sysid_ros.estimation.measurement_sequence import LARGEST_INPUT
-from hybrid_sysid_ros.estimation.monitored_estimator import (
-    DIVERGED,
-    agrees,
-    may_try,
-    screen,
-    time_to_judge,
-    watch_estimate,
-)
+from hybrid_sysid_ros.estimation.monitored_estimator import DIVERGED, is_any, screen, time_to_judge, watch_estimate
 from hybrid_sysid_ros.estimation.reversed_input import (
-    NONE,
     acts_reversed,
     begin_trial,
     believe_other,
@@ -30,22 +22,22 @@ from hybrid_sysid_ros.estimation.reversed_input import (
     signed_roots,
     turn_input,
 )
+from hybrid_sysid_ros.estimation.sensor_bank import agrees, explains, suspect, weigh
 from hybrid_sysid_ros.estimation.sensor_monitoring import (
+    NONE,
     doubt_of,
     go_on_alone,
     have_jumped,
     is_any_left_out,
     judge_sensors,
+    only_left_out,
     readmit,
     renew,
     without,
 )
-from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import estimate, loosen, show
+from hybrid_sysid_ros.extensions.export.unit.estimator_kernels import answer_again, estimate, loosen, show
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import WAITING, PrintedLoop
 from hybrid_sysid_ros.support.arrays import Array
-
-TRIAL, SAME, OTHER = 1, 2, 3
-"""Which further estimate: the one that tries a sensor, and those that compete about the sign of an input."""
 
 
 def observe(loop: PrintedLoop, time: float) -> bool:
@@ -79,13 +71,13 @@ def observe(loop: PrintedLoop, time: float) -> bool:
     if math.isfinite(time):
         elapsed = time_to_judge(watch, time)
         if elapsed > 0.0:
-            _watch(loop, elapsed)
-            if (
-                len(monitor.trial) > 0
-                and is_any_left_out(sensors)
-                and may_try(monitor.trial[0], sensors, monitor.shown)
-            ):
-                _try_again(loop, time, elapsed)
+            before = only_left_out(sensors)
+            if len(monitor.trial) > 0:
+                _update_bank(loop, before, time, elapsed)
+            _judge_sensors(loop, elapsed)
+            if len(monitor.trial) > 0:
+                _choose(loop, before, elapsed)
+            watch_estimate(watch, sensors, loop.instance.disturbance, monitor.limits, elapsed)
             if (
                 len(reversal) > 0
                 and not have_jumped(monitor.core[0])
@@ -121,21 +113,30 @@ def turn_applied(loop: PrintedLoop) -> None:
         turn_input(loop.applied, loop.monitor.reversal[0].reversed)
 
 
-def _watch(loop: PrintedLoop, elapsed: float) -> None:
-    """Judge sensors and estimate by the newest update."""
+def _judge_sensors(loop: PrintedLoop, elapsed: float) -> None:
+    """Judge sensors by the newest update, as :meth:`.monitored_estimator.MonitoredEstimator._judge`."""
     core, out, monitor = loop.memory[0][0], loop.out, loop.monitor
     first = 2 * core.states + core.inputs + core.followed + core.outputs + 1
-    out_before = _times_left_out(loop)
-    expected = np.zeros(core.outputs)
+    out_before, which = _times_left_out(loop), suspect(monitor.members)
+    expected, stands_out = np.zeros(core.outputs), explains(monitor.members, which, core.inputs)
     if is_any_left_out(monitor.sensors):
         expect(loop, expected)
-    judge_sensors(monitor.core[0], monitor.sensors, monitor.shown, out[first : first + core.outputs], expected, elapsed)
+    judge_sensors(
+        monitor.core[0],
+        monitor.sensors,
+        monitor.shown,
+        out[first : first + core.outputs],
+        expected,
+        elapsed,
+        which,
+        stands_out,
+    )
     go_on_alone(monitor.core[0], monitor.sensors, elapsed)
-    if _times_left_out(loop) > out_before:
+    newly = _times_left_out(loop) - out_before
+    if newly > 0 and len(monitor.trial) > 0:
+        monitor.trial[0].agreed = math.nan
+    if newly > 1:
         loosen(loop)
-        if len(monitor.trial) > 0:
-            monitor.trial[0].agreed = math.nan
-    watch_estimate(monitor.watch[0], monitor.sensors, loop.instance.disturbance, monitor.limits, elapsed)
 
 
 def exchange(loop: PrintedLoop, which: int) -> None:
@@ -143,27 +144,55 @@ def exchange(loop: PrintedLoop, which: int) -> None:
     raise NotImplementedError
 
 
-def _try_again(loop: PrintedLoop, time: float, elapsed: float) -> None:
-    """Use all sensors again once the second estimate, which begins anew where they contradict it, agrees with all."""
+def _update_bank(loop: PrintedLoop, before: int, time: float, elapsed: float) -> None:
+    """Update the bank, as :meth:`.monitored_estimator.MonitoredEstimator._others`."""
     core, out, monitor, resets = loop.memory[0][0], loop.out, loop.monitor, loop.progress[0].resets
-    tried, first = monitor.trial[0], 2 * core.states + core.inputs + core.followed + core.outputs + 1
-    before = np.zeros(len(out))
-    copy(out, before)
-    exchange(loop, TRIAL)
-    if math.isnan(tried.agreed):
-        forget_estimate(loop)
-        renew(monitor.agreement)
-        tried.agreed = 0.0
-    copy(monitor.shown, loop.outputs)
-    estimate(loop, time)
-    normalised = out[first : first + core.outputs]
-    if agrees(tried, monitor.core[0], monitor.agreement, monitor.shown, normalised, elapsed):
-        readmit(monitor.sensors)
-        _take_over(loop)
-    else:
-        exchange(loop, TRIAL)
-        copy(before, out)
+    first = 2 * core.states + core.inputs + core.followed
+    own, tried = np.zeros(len(out)), monitor.trial[0]
+    copy(out, own)
+    for k in range(len(monitor.members)):
+        copy(monitor.shown, loop.outputs)
+        if k != before:
+            loop.outputs[k] = math.nan
+        if monitor.members[k].place > 0 and is_any(loop.outputs):
+            exchange(loop, monitor.members[k].place)
+            if k == before and math.isnan(tried.agreed):
+                forget_estimate(loop)
+                renew(monitor.agreement)
+                tried.agreed = 0.0
+            estimate(loop, time)
+            shift = first + core.outputs + 1
+            if k == before:
+                copy(out[shift : shift + core.outputs], monitor.whole)
+            elif weigh(monitor.members, k, monitor.sensors, out[shift : shift + core.outputs], elapsed):
+                forget_estimate(loop)
+            exchange(loop, monitor.members[k].place)
+    copy(own, out)
     loop.progress[0].resets = resets
+
+
+def _choose(loop: PrintedLoop, before: int, elapsed: float) -> None:
+    """Which estimate is the loop's from now on, as :meth:`.monitored_estimator.MonitoredEstimator._chosen`."""
+    monitor, chosen = loop.monitor, only_left_out(loop.monitor.sensors)
+    if before != NONE and before != chosen:
+        exchange(loop, monitor.members[before].place)
+        forget_estimate(loop)
+        exchange(loop, monitor.members[before].place)
+    copy(monitor.shown, loop.outputs)
+    if chosen != NONE and chosen != before:
+        loop.outputs[chosen] = math.nan
+    if chosen != NONE and not is_any(loop.outputs):
+        chosen = NONE
+    if chosen != NONE and chosen == before:
+        core, is_back = monitor.core[0], monitor.sensors[chosen].is_back != 0
+        if agrees(monitor.trial[0], core, monitor.agreement, monitor.shown, monitor.whole, is_back, elapsed):
+            readmit(monitor.sensors)
+        else:
+            chosen = NONE
+    if chosen != NONE:
+        exchange(loop, monitor.members[chosen].place)
+        answer_again(loop)
+        _take_over(loop)
 
 
 def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
@@ -171,14 +200,15 @@ def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
     core, out, monitor, resets = loop.memory[0][0], loop.out, loop.monitor, loop.progress[0].resets
     trial, first = monitor.reversal[0], 2 * core.states + core.inputs + core.followed + core.outputs + 1
     before, own, anew = np.zeros(len(out)), np.zeros(core.outputs), math.isnan(trial.product)
+    same, other = monitor.estimates - 2, monitor.estimates - 1
     copy(out, before)
     if anew:
         begin_trial(trial, monitor.judge)
-    exchange(loop, SAME)
+    exchange(loop, same)
     _update_rival(loop, time, anew)
     copy(out[first : first + core.outputs], own)
-    exchange(loop, SAME)
-    exchange(loop, OTHER)
+    exchange(loop, same)
+    exchange(loop, other)
     turn_input(loop.applied, trial.tried)
     _update_rival(loop, time, anew)
     if acts_reversed(
@@ -186,11 +216,14 @@ def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
     ):
         believe_other(trial, monitor.sensors)
         monitor.watch[0].doubted = 0.0
-        if len(monitor.trial) > 0:
-            monitor.trial[0].agreed = math.nan
+        for k in range(len(monitor.members)):
+            if monitor.members[k].place > 0:
+                exchange(loop, monitor.members[k].place)
+                forget_estimate(loop)
+                exchange(loop, monitor.members[k].place)
         _take_over(loop)
     else:
-        exchange(loop, OTHER)
+        exchange(loop, other)
         turn_input(loop.applied, trial.tried)
         copy(before, out)
     loop.progress[0].resets = resets

@@ -14,8 +14,9 @@ from hybrid_sysid_ros.control.safety.failsafe import Evidence, Failsafe
 from hybrid_sysid_ros.control.safety.governor import GovernedOutput, ReferenceGovernor
 from hybrid_sysid_ros.control.safety.guarding import GuardedInput, GuardMemory, GuardRecord, StateRange
 from hybrid_sysid_ros.estimation.frozen_sensor import FrozenSensorDetector
-from hybrid_sysid_ros.estimation.monitored_estimator import EstimateWatch, MonitoredEstimator, SensorTrial
+from hybrid_sysid_ros.estimation.monitored_estimator import EstimateWatch, MonitoredEstimator
 from hybrid_sysid_ros.estimation.reversed_input import ReversalTrial
+from hybrid_sysid_ros.estimation.sensor_bank import BankMember, SensorTrial
 from hybrid_sysid_ros.estimation.sensor_monitoring import MonitoredSensor, MonitorRecord
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -30,6 +31,7 @@ RECORD_NAMES = {
     FrozenSensorDetector: "detector_record",
     EstimateWatch: "watch_record",
     SensorTrial: "trial_record",
+    BankMember: "member_record",
     ReversalTrial: "reversal_record",
     MonitoredSensor: "sensor_record",
     MonitorRecord: "monitor_record",
@@ -73,10 +75,14 @@ class SensorWatch(NamedTuple):
     """(p,), readings of the newest measurement, NaN where a sensor is frozen."""
     limits: Array
     """(m,), of the disturbance."""
+    members: Any
+    """(p,) of :class:`BankMember`."""
     trial: Any
-    """(1,) of :class:`SensorTrial`; (0,) where no sensor can be left out, and so there is no second estimate."""
+    """(1,) of :class:`SensorTrial`; (0,) where no sensor can be left out, and so there is no bank."""
     agreement: Any
-    """(p,), the sensors as the second estimate judges them; (0,)."""
+    """(p,), the sensors as the estimate of all of them judges them; (0,)."""
+    whole: Array
+    """(p,), normalised innovations of that."""
     reversal: Any
     """(1,) of :class:`ReversalTrial`; (0,) where no input may be reversed, and so no two estimates compete."""
     judge: Any
@@ -89,7 +95,8 @@ class SensorWatch(NamedTuple):
 
 def watch_records(estimator: MonitoredEstimator) -> SensorWatch:
     """The memory of what watches an estimate."""
-    monitor, count = estimator.monitor, 0 if estimator.trial is None else 1
+    monitor, spare = estimator.monitor, sum(item is not None for item in estimator.bank)
+    count = min(spare, 1)
     competing = 1 if estimator.rivals else 0
     return SensorWatch(
         core=records([monitor.record]),
@@ -99,10 +106,12 @@ def watch_records(estimator: MonitoredEstimator) -> SensorWatch:
         ring=np.array(estimator.ring),
         shown=np.zeros(len(monitor.sensors)),
         limits=estimator.limits.copy(),
+        members=records(estimator.members),
         trial=records([estimator.tried])[:count],
         agreement=records(estimator.agreement.sensors)[: count * len(monitor.sensors)],
+        whole=np.zeros(len(monitor.sensors)),
         reversal=records([estimator.reversal])[:competing],
         judge=records(estimator.judge.sensors)[: competing * len(monitor.sensors)],
         reversible=np.array(estimator.settings.reversible, dtype=float),
-        estimates=4 if competing else 1 + count,
+        estimates=1 + spare + 2 * competing,
     )
