@@ -7,6 +7,7 @@ recorded in Python and replayed in C. Differences and sizes don't depend on the 
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import subprocess
 from dataclasses import asdict
@@ -15,17 +16,15 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 from rich.table import Table
 
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.board.folder import BOARDS, export_board, missing_tools
-from hybrid_sysid_ros.extensions.export.unit.built import BuiltUnit, build
+from hybrid_sysid_ros.extensions.export.compiler import compile_source
+from hybrid_sysid_ros.extensions.export.unit.built import FLAGS, build
 from hybrid_sysid_ros.extensions.export.unit.folder import export_loop
-from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
-from hybrid_sysid_ros.extensions.export.unit.replay import largest_difference, recorded
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.configuration import shipped
@@ -42,6 +41,7 @@ ASKED_OF_BOARDS: dict[str, dict[str, float]] = {
 }
 """Of the supervised beam: largest difference, instructions of a period behind the first, bytes of flash."""
 BEAM = "cam_beam, supervised"
+CLOCK = Path(__file__).with_suffix(".h")
 
 
 def body(rig_name: str, settings: dict[str, Any]) -> dict[str, Any]:
@@ -53,32 +53,35 @@ def body(rig_name: str, settings: dict[str, Any]) -> dict[str, Any]:
         folder, into = Path(scratch) / "unit", Path(scratch) / "built"
         into.mkdir()
         began = perf_counter()
-        done = export_loop(rig, model, folder, settings=settings, seal="", periods=PERIODS)
+        done = export_loop(rig, model, folder, settings=settings, seal="", periods=PERIODS, shown=PERIODS)
         took = perf_counter() - began
-        library = build(by, folder, done.name, into)
-        python = loop_in_python(rig, model, settings)
-        questions, answers = recorded(rig, python, PERIODS)
-        n, m = len(answers[0].state), len(answers[0].inputs)
-        horizon, outputs = questions[0].preview.shape
-        made = BuiltUnit(library, done.name, states=n, inputs=m, outputs=outputs, horizon=horizon)
-        times, found = [], []
-        for question in questions:
-            began = perf_counter()
-            found.append(made.step(*question[:4]))
-            made.prepare(python.estimator.period)
-            times.append(perf_counter() - began)
+        build(by, folder, done.name, into)
+        median, percentile = step_times(by, folder, done.name, into)
         sections = size_of([*into.glob("*.o")])
     return {
-        "difference": max(largest_difference(found, answers).values()),
+        "difference": max(done.differences["recorded"].values()),
         "odd": max(done.differences["odd"].values()),
-        "statuses": {str(key): sum(answer.status == key for answer in found) for key in {a.status for a in found}},
-        "memory": made.bytes,
+        "memory": done.bytes,
         "stack": done.stack,
         "image": sections,
         "export": took,
-        "step_p50": float(np.percentile(times, 50)),
-        "step_p99": float(np.percentile(times, 99)),
+        "step_p50": median,
+        "step_p99": percentile,
     }
+
+
+def step_times(by: str, folder: Path, name: str, built: Path) -> tuple[float, float]:
+    """Median and p99 [s] of a step with the preparation of the next one, behind the first: the unit's own test counts
+    them in C, where Python's conversions of arguments take no part.
+    """
+    program = str(built / "test")
+    counted = ["-include", str(CLOCK), f"-D{name.upper()}_COUNT=nanoseconds", "-I", str(folder)]
+    sources = [str(folder / f"{name}_test.c"), *map(str, built.glob("*.o"))]
+    compile_source([by, *FLAGS, *counted, *sources, "-o", program, "-lm"], f"{name}_test.c")
+    said = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    found = re.search(r"median (\d+), 99 % (\d+)", said)
+    assert found is not None, said
+    return 1e-9 * int(found[1]), 1e-9 * int(found[2])
 
 
 def on_boards(rig_name: str, settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
