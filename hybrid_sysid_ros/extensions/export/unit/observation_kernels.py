@@ -133,7 +133,7 @@ def _judge_sensors(loop: PrintedLoop, elapsed: float) -> None:
     )
     go_on_alone(monitor.core[0], monitor.sensors, elapsed)
     newly = _times_left_out(loop) - out_before
-    if newly > 0 and len(monitor.trial) > 0:
+    if len(monitor.trial) > 0 and newly > 0:
         monitor.trial[0].agreed = math.nan
     if newly > 1:
         loosen(loop)
