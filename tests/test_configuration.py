@@ -310,3 +310,10 @@ def test_the_range_of_a_parameter_is_that_of_each_input_and_output_of_the_rig() 
         for node in NODES:
             for name, item in parameters.parameters(rig, node).items():
                 assert item.kind in (str, bool) or item.choices or math.isfinite(item.high - item.low), name
+
+
+def test_a_velocity_can_be_braked_and_a_position_not() -> None:
+    brake = parameters.parameters("cam_beam", "plant")["brake"]
+    assert brake.checked([0.0, 5.0]) == [0.0, 5.0]
+    with pytest.raises(UserError, match="parameter brake is"):
+        brake.checked([5.0, 0.0])

@@ -6,7 +6,8 @@ fault, beside those of that benchmark some more: the first state that is not dri
 evidence; whether travel and validity were kept until the loop was held or at rest; the largest tracking error during
 the fault, and that of the second which begins a second after its end, both in tolerances. --start SECONDS: faults of
 sensors alone, from the first sample on for so long. --known: what a loop does that knows each fault from its first
-sample on: what it can't hold is asked of no other loop.
+sample on. --best: of each fault of an actuator that falls short, the best that any inputs could do from its beginning
+on, whose end is known, too.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ def main() -> int:
         except (IndexError, ValueError):
             raise UserError("--start: for how long? Such as --start 8") from None
         del asked[at : at + 2]
-    informed = "--known" in asked
-    asked = [word for word in asked if word != "--known"]
+    informed, optimal = "--known" in asked, "--best" in asked
+    asked = [word for word in asked if word not in ("--known", "--best")]
     known: dict[str, dict[str, Fault]] = {}
     for name in MOVING:
         rig = load(name)
@@ -61,7 +62,9 @@ def main() -> int:
         for fault, each in wanted.items():
             status.print(f"{name}: {fault}")
             if not seconds:
-                tables[name][fault] = rehearsal.tried(each)
+                tables[name][fault] = row = rehearsal.tried(each)
+                if optimal and row["short"] and each.acts is not None:
+                    row["best"], row["holdable"] = rehearsal.best(each)
             elif not fault.endswith(SILENT):
                 row = rehearsal.wrong_from_the_start(each, seconds)
                 print(f"{name}: {fault}: after {row['after']:.2f} s, kept {row['kept']}, error {row['error']:.2f}")
@@ -86,6 +89,7 @@ def _table(rig: str, rows: Mapping[str, Mapping[str, Any]]) -> Table:
         "kept",
         "during",
         "after",
+        "best",
         "because",
         title=f"faults on {rig}, without a clock",
     )
@@ -93,8 +97,9 @@ def _table(rig: str, rows: Mapping[str, Mapping[str, Any]]) -> Table:
         kept = "yes" if row["kept"] else "NO"
         times = [f"{row[key]:.2f}" for key in ("after", "most")]
         errors = [f"{row[key]:.2f}" for key in ("during", "error")]
+        best = f"{row['best']:.2f}{'' if row['holdable'] else ', leaves its range'}" if "best" in row else ""
         table.add_row(
-            f"{name}{'  <- short' if row['short'] else ''}", row["state"], *times, kept, *errors, row["reason"]
+            f"{name}{'  <- short' if row['short'] else ''}", row["state"], *times, kept, *errors, best, row["reason"]
         )
     return table
 

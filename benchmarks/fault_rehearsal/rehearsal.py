@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.false_alarms import bounded, loop_of
+from benchmarks.fault_rehearsal.best_course import best_course
 from benchmarks.fault_rehearsal.known_fault import KnownActuators, sound_readings
 from benchmarks.fault_rehearsal.signal_faults import LASTING, Fault, Moment
 from benchmarks.faults.observation import LONGEST_LOOK, MOVING, RESTRAINED, ROOM, WINDOW
@@ -20,6 +21,8 @@ from hybrid_sysid_ros.support.arrays import Array
 
 SETTLING, AFTER = 2.0, 1.0
 """Time of the way to the reference, and after a fault [s]."""
+INTERVAL = 5
+"""Periods for which the best course holds its inputs."""
 
 
 class Rehearsal:
@@ -77,6 +80,13 @@ class Rehearsal:
         found["unnamed"] = self._is_out(plant) and loop.level.word not in RESTRAINED
         found["short"] = not found["kept"] or found["unnamed"] or not found["error"] <= 1.0
         return found
+
+    def best(self, fault: Fault) -> tuple[float, bool]:
+        """See :func:`.best_course.best_course`, from where the sound loop is when a fault begins."""
+        *_, (_, plant, _) = self._course(Fault(), SETTLING, SETTLING, seed=0)
+        window = LASTING + AFTER, LASTING + AFTER + WINDOW
+        at = {"begin": SETTLING, "window": window, "period": INTERVAL * self.period}
+        return best_course(self.rig, fault, plant.state, self.reference, self.tolerance, **at)
 
     def wrong_from_the_start(self, fault: Fault, seconds: float, *, seed: int = 0) -> dict[str, Any]:
         """What the loop did with a fault from its first sample on: when there was evidence, and whether travel and

@@ -45,10 +45,17 @@ def _of_outputs(rig: Rig) -> list[list[float]]:
     return [[-value, value] for value in np.minimum(np.maximum(low, high), BEYOND).tolist()]
 
 
+def _of_velocities(rig: Rig) -> list[list[float]]:
+    """Of each state, 0 for one that a joint has as the position to a velocity: a brake can't hold it by itself."""
+    positions = {item.position for item in rig.joints.joints.values() if item.velocity}
+    return [[0.0, 0.0 if item.name in positions else BEYOND] for item in rig.system.states]
+
+
 RANGES: Mapping[str, Callable[[Rig], list[list[float]]]] = {
     "ACTUATOR": _of_actuators,
     "SPAN": lambda rig: [[0.0, item.high - item.low] for item in rig.actuators],
     "TRAVEL": _of_outputs,
+    "VELOCITY": _of_velocities,
 }
 """Ranges of each entry."""
 
