@@ -25,7 +25,13 @@ from hybrid_sysid_ros.control.waiting_inputs import (
     let_inputs_age,
     planned_last,
 )
-from hybrid_sysid_ros.extensions.export.unit.observation_kernels import exchange, expect, forget_estimate, turn_applied
+from hybrid_sysid_ros.extensions.export.unit.observation_kernels import (
+    exchange,
+    expect,
+    forget_bank,
+    forget_estimate,
+    turn_applied,
+)
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED, PrintedLoop
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -251,6 +257,8 @@ def _shift(loop: PrintedLoop, by: float) -> None:
 def forget_measurements(loop: PrintedLoop) -> None:
     """Forget them all, and when they came."""
     forget_estimate(loop)
+    if len(loop.monitor.trial) > 0:
+        forget_bank(loop)
     loop.progress[0].answered, loop.progress[0].stale = math.nan, 0.0
 
 

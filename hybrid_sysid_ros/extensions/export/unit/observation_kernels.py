@@ -175,9 +175,7 @@ def _choose(loop: PrintedLoop, before: int, elapsed: float) -> None:
     """Which estimate is the loop's from now on, as :meth:`.monitored_estimator.MonitoredEstimator._chosen`."""
     monitor, chosen = loop.monitor, only_left_out(loop.monitor.sensors)
     if before != NONE and before != chosen:
-        exchange(loop, monitor.members[before].place)
-        forget_estimate(loop)
-        exchange(loop, monitor.members[before].place)
+        _forget_further(loop, monitor.members[before].place)
     copy(monitor.shown, loop.outputs)
     if chosen != NONE and chosen != before:
         loop.outputs[chosen] = math.nan
@@ -216,11 +214,7 @@ def _compete(loop: PrintedLoop, time: float, elapsed: float) -> None:
     ):
         believe_other(trial, monitor.sensors)
         monitor.watch[0].doubted = 0.0
-        for k in range(len(monitor.members)):
-            if monitor.members[k].place > 0:
-                exchange(loop, monitor.members[k].place)
-                forget_estimate(loop)
-                exchange(loop, monitor.members[k].place)
+        forget_bank(loop)
         _take_over(loop)
     else:
         exchange(loop, other)
@@ -261,6 +255,21 @@ def expect(loop: PrintedLoop, shown: Array) -> None:
     for i in range(core.followed):
         z[first + i] = out[2 * n + m + i]
     show(loop, z, shown)
+
+
+def _forget_further(loop: PrintedLoop, which: int) -> None:
+    """Begin one of the further estimates anew."""
+    exchange(loop, which)
+    forget_estimate(loop)
+    exchange(loop, which)
+
+
+def forget_bank(loop: PrintedLoop) -> None:
+    """Begin all estimates without a sensor anew."""
+    members = loop.monitor.members
+    for k in range(len(members)):
+        if members[k].place > 0:
+            _forget_further(loop, members[k].place)
 
 
 def forget_estimate(loop: PrintedLoop) -> None:
