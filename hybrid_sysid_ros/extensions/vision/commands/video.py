@@ -96,7 +96,8 @@ def command(
     marks = _marks(described, video) if has_scene(described) else None
     if check:
         place = page or video.with_name(f"{video.stem}.check.html")
-        _checked(view, described, marks, place, exposure=exposure, as_json=as_json)
+        clicked = scene_of(described).pivot if pivot or scene_file is not None else None
+        _checked(view, described, marks, clicked, place, exposure=exposure, as_json=as_json)
         return
     if out is None:
         raise UserError("name the bag to write (--out), or look only at the film (--check)")
@@ -112,8 +113,9 @@ def command(
         report.check_available()
         check_file(page, suffix=".html")
     record, found, ahead = _recorded(
-        view, described, bag, layers, dynamics, again=again, readout=readout, searched=not pivot, exposure=exposure
-    )
+        view, described, bag, layers, dynamics, again=again, readout=readout, exposure=exposure,
+        searched=scene_file is None and not pivot, sized=not pivot,
+    )  # fmt: skip
     written = video_record.at_rate(record, rate or video_record.usual_rate(record))
     video_record.write(written, described, joint, bag, out, replace=overwrite, made_by=typed())
     _print(record, ahead, as_json=as_json)
@@ -140,15 +142,18 @@ def _recorded(
     *,
     again: bool,
     readout: float,
-    searched: bool,
     exposure: float,
+    searched: bool,
+    sized: bool,
 ) -> tuple[video_record.VideoRecord, PictureLayers, list[Judged]]:
     """Positions of a film in a bag's time, the layers by which they were read, which are saved where they are new, and
     its pictures beside those that a model predicts.
     """
     with status.status("looking how the camera moves") as spinner, _named_in_errors(view.path, bag, layers):
         kept = layers if layers is not None and (layers / f"{KIND}.yaml").exists() and not again else None
-        found, footage = _read(view, rig, kept, readout=readout, searched=searched, tell=spinner.update)
+        found, footage = _read(
+            view, rig, kept, readout=readout, searched=searched, sized=sized, tell=spinner.update
+        )  # fmt: skip
         spinner.update("synchronising")
         record = video_record.joined(footage, found, rig, bag, exposure=exposure)
         if layers is not None and kept is None:
@@ -173,10 +178,11 @@ def _dynamics(model: Path, bag: Path | None, rig: Rig, name: str) -> Model:
 
 
 def _read(
-    view: FilmView, rig: Rig, layers: Path | None, *, readout: float, searched: bool, tell: Callable[[str], object]
-) -> tuple[PictureLayers, Footage]:
+    view: FilmView, rig: Rig, layers: Path | None, *, readout: float, searched: bool, sized: bool,
+    tell: Callable[[str], object],
+) -> tuple[PictureLayers, Footage]:  # fmt: skip
     """Layers of a folder, or else learned from the film, and what its pictures say by them. searched: whether the pivot
-    is looked for, and the size is the scene's.
+    is looked for, as nobody said where it is in this film. sized: whether the scene says how large the sprite is.
     """
     if layers is not None:
         found = PictureLayers.load(layers)
@@ -190,7 +196,7 @@ def _read(
                 f"note: what moves turns {far:.0%} of the width beside the scene's pivot: about there it is read"
             )
         found, _ = learn(
-            film, rig, readout=readout, sized=searched, steadied=view.motion is not None,
+            film, rig, readout=readout, sized=sized, steadied=view.motion is not None,
             progress=lambda stage: tell(f"learning: {stage}"),
         )  # fmt: skip
     reader, lamp = AngleReader(found), scene_of(rig).lamp
@@ -256,12 +262,15 @@ def _squared(view: FilmView, rig: Rig, marks: Array, named: Path) -> tuple[FilmV
     return FilmView(path=view.path, square=square), with_pivot(rig, (x, y))
 
 
-def _checked(view: FilmView, rig: Rig, marks: Array | None, page: Path, *, exposure: float, as_json: bool) -> None:
+def _checked(
+    view: FilmView, rig: Rig, marks: Array | None, clicked: tuple[float, ...] | None, page: Path, *, exposure: float,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Print what a film has and lacks, and write the page."""
     report.check_available()
     check_file(page, suffix=".html")
     with status.status("looking at the film"), _named_in_errors(view.path):
-        found = film_check(view, exposure=exposure, marks=marks)
+        found = film_check(view, exposure=exposure, marks=marks, clicked=clicked)
     if as_json:
         console.print(json.dumps([asdict(finding) for finding in found.findings], indent=2))
     else:

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
 from hybrid_sysid_ros.extensions.vision.reading.footage import picked
 from hybrid_sysid_ros.extensions.vision.reading.learning import BURNT, DARK_FILM, FEWEST, NARROWEST, WHITE
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
-from hybrid_sysid_ros.extensions.vision.reading.turning_point import turning_point
+from hybrid_sysid_ros.extensions.vision.reading.turning_point import ELSEWHERE, turning_point
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -60,8 +60,11 @@ class FilmCheck:
     """Place (2,) about which something turns [widths]; None where none is found."""
 
 
-def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmCheck:
-    """Look at a film. exposure: of a row [s]. marks: corners of a rectangle (4, 2) [pixels].
+def film_check(
+    view: FilmView, *, exposure: float, marks: Array | None, clicked: tuple[float, ...] | None = None
+) -> FilmCheck:
+    """Look at a film. exposure: of a row [s]. marks: corners of a rectangle (4, 2) [pixels]. clicked: where somebody
+    said that the pivot is (2,) [widths].
 
     Raises UserError where the film can't be read at all.
     """
@@ -94,7 +97,7 @@ def film_check(view: FilmView, *, exposure: float, marks: Array | None) -> FilmC
     unknown = Finding(what="exposure", found="unknown: nothing is seen to move", advice="let the joint be seen to move")
     if not refusal:  # a joint is not judged by pictures of a camera that was moved
         findings += [joint, *([unknown] if joint.bad else _blur(steadied, moving, changes, exposure))]
-        findings += [_pivot(turns, round(median.shape[1] / form.scale)), _square(marks)]
+        findings += [_pivot(turns, clicked, round(median.shape[1] / form.scale)), _square(marks)]
     motion = steadied.motion
     return FilmCheck(
         findings=tuple(findings), picture=median, moving=moving,
@@ -204,7 +207,7 @@ def _blur(view: FilmView, moving: NDArray[np.bool_], changes: list[float], expos
     )  # fmt: skip
 
 
-def _pivot(turns: tuple[Array, Array] | None, columns: int) -> Finding:
+def _pivot(turns: tuple[Array, Array] | None, clicked: tuple[float, ...] | None, columns: int) -> Finding:
     if turns is None:
         advice = "the scene's pivot is used: say where it is (--pivot X,Y), or click it"
         return Finding(what="pivot", found="unknown: too little turns", advice=advice)
@@ -212,10 +215,14 @@ def _pivot(turns: tuple[Array, Array] | None, columns: int) -> Finding:
     if apart > NOWHERE * columns:
         advice = "is it the rig? The scene's pivot is used: say where it is (--pivot X,Y), or click it"
         return Finding(what="pivot", found="unknown: halves of the film turn about places far apart", advice=advice)
-    unsure = apart > UNSURE * columns
+    advice = "say where it is (--pivot X,Y), or click it" if apart > UNSURE * columns else ""
+    if clicked is not None:  # which counts
+        beside = float(np.hypot(*(turns[0] - clicked))) * columns
+        other = beside > max(ELSEWHERE * columns, 4.0 * apart)
+        advice = f"{beside:.0f} pixels beside what was said: let nothing else move in the film" if other else ""
     return Finding(
         what="pivot", found=f"turns about {x:.0f},{y:.0f} pixels; halves of the film differ by {apart:.1f}",
-        advice="say where it is (--pivot X,Y), or click it" if unsure else "",
+        advice=advice,
     )  # fmt: skip
 
 

@@ -17,11 +17,13 @@ import cv2
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.vision.camera.film import write_film
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
+from hybrid_sysid_ros.extensions.vision.commands import video
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
-from hybrid_sysid_ros.extensions.vision.reading.film_check import Finding, film_check
+from hybrid_sysid_ros.extensions.vision.reading.film_check import Finding, _pivot, film_check
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView, squared, squaring
+from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
-from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import Answer, refused
@@ -129,6 +131,38 @@ def test_a_page_is_written_to_click_on(
         refused(run("--out", str(tmp_path / "out"), "--scene", str(scene)), "scene.yaml", words)
     scene.write_text("joint: bem\npivot: [0.5, 0.29]\nsprite: [{disc: 0.1}]\n")
     refused(run("--out", str(tmp_path / "out"), "--scene", str(scene)), "scene.yaml", "no joint that moves")
+
+
+@pytest.mark.parametrize(("clicked", "advice"), [(None, ""), ((0.51, 0.44), ""), ((0.5, 0.36), "26 pixels beside")])
+def test_what_turns_elsewhere_than_where_one_clicked_is_said(clicked: tuple[float, float] | None, advice: str) -> None:
+    """Of two that turn, the place that both have in common is neither's."""
+    found = _pivot((np.array([0.5, 0.44]), np.array([0.001, 0.002])), clicked, 320)
+    assert found.advice[: len(advice) or None] == advice
+
+
+def test_a_pivot_that_was_clicked_is_looked_for_nowhere_else(
+    call: Callable[..., Answer], frames: list[tuple[float, Picture]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A clock on the wall turns, too, and whoever clicks the joint means that."""
+
+    def as_it_is(view: FilmView, background: object = None) -> FilmView:
+        return view
+
+    def looked_for(view: FilmView, rig: Rig) -> tuple[Rig, float]:
+        raise UserError("looked for")
+
+    def learned(film: Film, rig: Rig, **said: object) -> None:
+        raise UserError(f"learned about {scene_of(rig).pivot[0]:g}")
+
+    monkeypatch.setattr(FilmView, "steadied", as_it_is)
+    monkeypatch.setattr(video, "with_turning_point", looked_for)
+    monkeypatch.setattr(video, "learn", learned)
+    write_film(tmp_path / "film.mp4", frames[:40], rate=30.0, preset="superfast")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("joint: beam\npivot: [0.4, 0.29]\nsprite: [{disc: 0.1}]\n")
+    run = partial(call, app.main, "hybrid-sysid", "video", str(tmp_path / "film.mp4"), "--out", str(tmp_path / "out"))
+    refused(run(), "looked for")
+    refused(run("--scene", str(scene)), "learned about 0.4")
 
 
 def test_four_marks_make_a_view_square() -> None:
