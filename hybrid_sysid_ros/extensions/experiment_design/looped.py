@@ -17,13 +17,16 @@ from hybrid_sysid_ros.rigs.sensor import LowPass, LowPassFilter
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
+LAGS = 2
+"""That stand for a delay: their phase is right within a hundredth where it is a fifth of a radian."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Looped(Wrapper):
     """x' = f(x, clip(g (r - z) + i)),  i' = g w (r - z): the inputs of a system by its rig's loops, at every moment.
 
-    z is the output behind its sensor's low-pass, whose states go from step to step as if the output held over each; an
-    integral part does not stop at the limits.
+    z is the output behind its sensor's low-pass and, by a chain of lags, as late as the input acts; the states of both
+    go from step to step as if the output held over each. An integral part does not stop at the limits.
     """
 
     loops: tuple[tuple[int, int, float, float], ...]
@@ -31,7 +34,9 @@ class Looped(Wrapper):
     limits: tuple[tuple[float, float], ...]
     """Lowest and highest value of each input."""
     filters: tuple[tuple[tuple[float, ...], ...], ...]
-    """Rates of each loop's low-pass: a row for each of its states, by these and by the output; none without one."""
+    """Rates of each loop's low-pass and lags: a row for each state, by these and by the output; none without both."""
+    late: tuple[int, ...]
+    """Steps after which the input of each loop acts."""
 
     @property
     def added_states(self) -> tuple[Variable, ...]:
@@ -61,10 +66,12 @@ class Looped(Wrapper):
         return [*physics(x[: self._physical], self.acting(x, u)), *more]
 
     def inputs_of(self, states: Array, driving: Array) -> Array:
-        """The inputs (steps, inputs) that acted in a run with such states and references at each step."""
+        """The inputs (steps, inputs) in a run with such states and references at each step, before they act."""
         found, ends = driving.copy(), np.array(self.limits).T
-        for number, ((index, _, gain, _), back) in enumerate(zip(self.loops, self._fed_back, strict=True)):
-            found[:, index] = gain * (driving[:, index] - states[:, back]) + states[:, self._physical + number]
+        rows = zip(self.loops, self._fed_back, self.late, strict=True)
+        for number, ((index, _, gain, _), back, late) in enumerate(rows):
+            then = np.concatenate([states[late:], np.repeat(states[-1:], late, axis=0)])
+            found[:, index] = gain * (driving[:, index] - then[:, back]) + then[:, self._physical + number]
         return np.clip(found, *ends)
 
 
@@ -78,19 +85,29 @@ def looped(system: System, rig: Rig, step: float) -> Looped:
         (index, system.measured[loop.output], loop.gain / rig.sensors[loop.output].scale, loop.integral)
         for index, loop in rig.experiments.loops.items()
     ]
-    parts = [rig.sensors[loop.output].low_pass for loop in rig.experiments.loops.values()]
-    filters = [_rates_of(part, step, euler=isinstance(system.stepper, ImplicitFriction)) for part in parts]
+    euler, delays = isinstance(system.stepper, ImplicitFriction), system.input_delays.tolist()
+    filters = [
+        _rates_of(rig.sensors[loop.output].low_pass, delays[index], step, euler=euler)
+        for index, loop in rig.experiments.loops.items()
+    ]
     limits = tuple((item.low, item.high) for item in rig.actuators)
-    return Looped(physics=system, loops=tuple(rows), limits=limits, filters=tuple(filters))
+    late = tuple(round(delays[index] / step) for index in rig.experiments.loops)
+    return Looped(physics=system, loops=tuple(rows), limits=limits, filters=tuple(filters), late=late)
 
 
-def _rates_of(part: LowPass | None, step: float, *, euler: bool) -> tuple[tuple[float, ...], ...]:
-    """Rates A, b of a low-pass. Where its states step by Euler's method they are (exp(A h) - 1) / h, which takes them
-    to where they go if the output holds, since a model's step is often too long for a low-pass of high order.
+def _rates_of(part: LowPass | None, delay: float, step: float, *, euler: bool) -> tuple[tuple[float, ...], ...]:
+    """Rates A, b of a low-pass and of LAGS lags that take a delay [s] together. Where their states step by Euler's
+    method they are (exp(A h) - 1) / h, which takes them to where they go if the output holds, since a model's step is
+    often too long for a low-pass of high order.
     """
-    if part is None:
+    order, lags = 0 if part is None else part.order, LAGS if delay > 0.0 else 0
+    if not order + lags:
         return ()
-    plain, rates = LowPassFilter(part, step), np.zeros((part.order + 1, part.order + 1))
-    rates[:-1] = np.column_stack([plain.transition - np.eye(part.order), plain.gain])
-    found = (expm(rates) - np.eye(part.order + 1) if euler else rates)[:-1] / step
+    rates = np.zeros((order + lags + 1, order + lags + 1))
+    if part is not None:
+        plain = LowPassFilter(part, step)
+        rates[:order, :order], rates[:order, -1] = plain.transition - np.eye(order), plain.gain
+    for row in range(order, order + lags):
+        rates[row, row], rates[row, row - 1] = -LAGS * step / delay, LAGS * step / delay
+    found = (expm(rates) - np.eye(len(rates)) if euler else rates)[:-1] / step
     return tuple(tuple(row) for row in found.tolist())

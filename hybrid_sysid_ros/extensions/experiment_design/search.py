@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from hybrid_sysid_ros.core import System, rollouts
-from hybrid_sysid_ros.extensions.experiment_design.information import cornered, run_of
+from hybrid_sysid_ros.extensions.experiment_design.information import run_of
 from hybrid_sysid_ros.extensions.experiment_design.looped import looped
 from hybrid_sysid_ros.extensions.experiment_design.segments import REST, PlanSegment, SegmentLibrary
 from hybrid_sysid_ros.identification.validation.bands import drawn_systems, uncertainty_of
@@ -31,7 +31,7 @@ TRIED = 8
 
 POINTS, SLACK = 3, 0.05
 """Systems at which a criterion is taken, the model and two draws that mirror each other, so that an experiment suits
-what the model could be as well; and by how much it may grow at the model. Secants cover this by themselves.
+what the model could be as well; and by how much it may grow at the model.
 """
 FEWEST_SAMPLES = 20
 """Scored samples of an experiment."""
@@ -95,7 +95,7 @@ class Bench:
     @property
     def points(self) -> int:
         """Systems at which a criterion is taken."""
-        return 1 if cornered(self.model.system) else min(POINTS, len(self.systems))
+        return min(POINTS, len(self.systems))
 
     @property
     def fastest(self) -> float:
@@ -172,11 +172,7 @@ class Bench:
             states, outputs = rollouts(used, starts, first, driving, step=self.sampling.step)
         if closed is None:
             return driving, outputs
-        found = closed.inputs_of(states[:-1], driving)
-        for index, delay in enumerate(system.input_delays.tolist()):  # inputs act after their delays
-            late = round(delay / self.sampling.step)
-            found[:, index] = np.concatenate([found[late:, index], np.repeat(found[-1:, index], late)])
-        return np.nan_to_num(found), outputs
+        return np.nan_to_num(closed.inputs_of(states[:-1], driving)), outputs
 
     def within(self, outputs: Array) -> bool:
         """Whether outputs stay within the rig's travel and what its equations are valid for, and near what is known."""

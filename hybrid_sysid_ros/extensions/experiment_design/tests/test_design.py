@@ -216,20 +216,20 @@ def test_an_experiment_goes_where_records_have_not_been() -> None:
     assert found.inputs.min() < -0.5
 
 
-def test_a_designed_loop_knows_the_low_pass_that_it_feeds_back() -> None:
+def test_a_designed_loop_knows_the_low_pass_that_it_feeds_back_and_how_late_its_input_acts() -> None:
     """Against the simulated beam, whose loop feeds a low-pass of sixth order back: its reference makes other inputs."""
-    rig = load_rig("cam_beam")
+    rig, step = load_rig("cam_beam"), 0.001
     jumps = np.random.default_rng(0).uniform(-0.08, 0.08, 10).repeat(400)[:, None]
-    plant, inputs = Plant(rig, seed=0, noisy=False), []
-    for applied in driven(plant, jumps):
-        inputs.append(applied[0])
-    acted, driving = np.reshape(inputs, (-1, 5)).mean(axis=1), np.ascontiguousarray(jumps[::5])
+    plant = Plant(rig, seed=0, noisy=False)
+    given = np.array([applied[0] for applied in driven(plant, jumps)])
 
     def error(used: Rig) -> float:
-        loop = looped(rig.system, used, 0.005)
-        starts, first = search.run_of(loop, len(driving) + 1)
-        states, _ = rollouts(loop, starts, first, driving, step=0.005)
-        return float(np.std(loop.inputs_of(states[:-1], driving)[:, 0] - acted) / np.std(acted))
+        loop = looped(used.system, used, step)
+        starts, first = search.run_of(loop, len(jumps) + 1)
+        states, _ = rollouts(loop, starts, first, jumps, step=step)
+        return float(np.std(loop.inputs_of(states[:-1], jumps)[:, 0] - given) / np.std(given))
 
+    prompt = rig.system.with_values([*(rig.system.named | {"input_delay": 0.0}).values()])
+    at_once = replace(rig, system=prompt)
     without = replace(rig, sensors=(replace(rig.sensors[0], low_pass=None),))
-    assert error(rig) < 0.2 < 0.4 < error(without)
+    assert error(rig) < 0.05 < 0.15 < min(error(at_once), error(without))
