@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop, OutputReference
 from hybrid_sysid_ros.extensions.shared import drawn_scenarios
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread, plant_near
 from hybrid_sysid_ros.extensions.shared.reference_kinds import KINDS, references
@@ -50,6 +51,15 @@ class Measures:
     """Share of the loops that stay within the rig's travel and validity."""
 
 
+class DrawnLoop(NamedTuple):
+    """What a loop has of its own."""
+
+    plant: Plant
+    reference: OutputReference
+    seconds: float
+    """Its length."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Loops:
     """Closed loops of the exact MPC on a model, with the estimator and the sensors' noise, on plants near the rig."""
@@ -68,9 +78,9 @@ class Loops:
         found = {
             name: Option(default=1.0, low=LEAST, high=MOST, kind="log", description=f"factor of the {what}")
             for name, what in FACTORS.items()
-            if np.any(np.atleast_1d(self._shipped[name.split(".")[0]][name.split(".")[1]]))
+            if np.any(np.atleast_1d(self.shipped[name.split(".")[0]][name.split(".")[1]]))
         }
-        own = int(self._shipped["controller"]["horizon"])
+        own = int(self.shipped["controller"]["horizon"])
         low, high = max(own // 3, 2), 2 * own
         return found | {
             HORIZON: Option(default=own, low=low, high=high, kind="int", description="intervals of the MPC")
@@ -81,18 +91,18 @@ class Loops:
         found: dict[str, dict[str, Any]] = {node: {} for node in NODES}
         for name, value in options.items():
             node, _, key = name.partition(".")
-            given = self._shipped[node][key]
+            given = self.shipped[node][key]
             scaled = [value * item for item in given] if isinstance(given, list | tuple) else value * given
             known = configuration.parameters(self.rig, node)
             found[node][key] = known[key].checked(int(value) if name == HORIZON else scaled)
-            check_rules(known, {**self._shipped[node], **found[node]})
+            check_rules(known, {**self.shipped[node], **found[node]})
         return found
 
     def measures(self, options: Options, *, unseen: bool = False) -> tuple[Measures, Array]:
         """What all loops say, and settling and effort of each, (loops, 2). unseen: of others, never tuned on, and more
         of them, since a gain is a small difference.
         """
-        values = {node: {**self._shipped[node], **more} for node, more in self.values(options).items()}
+        values = {node: {**self.shipped[node], **more} for node, more in self.values(options).items()}
         numbers = range(self.count * (MORE_UNSEEN if unseen else 1))
         rows = np.array([self._loop(values, number, unseen) for number in numbers])
         settling, effort, inside = rows.mean(axis=0).tolist()
@@ -104,36 +114,34 @@ class Loops:
         return drawn_scenarios.spread_of(self.rig).sized(self.rig.system)
 
     @cached_property
-    def _shipped(self) -> dict[str, dict[str, Any]]:
+    def shipped(self) -> dict[str, dict[str, Any]]:
+        """Parameters of the nodes that ship, for a loop of the exact MPC in lockstep."""
         found = {node: configuration.defaults(self.rig, node) for node in NODES}
         for own in found.values():
             own["lockstep"] = True
         found["controller"] |= {"policy": "exact", "certificate": "ignore"}
         return found
 
-    def _loop(self, values: Mapping[str, Mapping[str, Any]], number: int, unseen: bool) -> Sequence[float]:
-        """Settling, effort and whether it stays inside of one loop, which depends on the seed and its number alone."""
+    def drawn(self, number: int, unseen: bool) -> DrawnLoop:
+        """What is drawn of a loop, which depends on the seed and its number alone."""
         rig, random = self.rig, np.random.default_rng([UNSEEN if unseen else TUNING, self.seed, number])
         spread = self.spread
-        shipped = configuration.mpc_problem(self._shipped["controller"], rig, self._system)
+        shipped = configuration.mpc_problem(self.shipped["controller"], rig, self._system)
         wanted = references(random, spread, shipped, [*KINDS][number % len(KINDS)])
         seconds = self.horizons * shipped.horizon * shipped.period
         start = random.uniform(0.0, max(LENGTH * shipped.horizon * shipped.period - seconds, 0.0))
         moved = replace(rig, system=plant_near(rig.system, spread.parameters, random))
         bias = np.asarray(rig.bias) + random.normal(size=len(rig.actuators)) * np.array(spread.disturbance)
         plant = Plant(moved, seed=int(random.integers(2**31)), bias=bias)
-        scales = np.array([display.scale for display in rig.display])
-        loop = simulated_loop(
-            rig,
-            self.model,
-            controller_of(rig, self.model, values["controller"], lambda line: None).controller,
-            lambda times: wanted(start + np.asarray(times)) / scales,
-            duration=seconds,
-            plant=plant,
-            settings=values["estimator"],
+        return DrawnLoop(plant, lambda times: wanted(start + np.asarray(times)), seconds)
+
+    def judged(self, loop: ClosedLoop) -> tuple[float, float, float]:
+        """Settling and effort of a loop, and whether it stays inside."""
+        rig = self.rig
+        tracked = (
+            np.array(configuration.mpc_problem(self.shipped["controller"], rig, self._system).output_weights) > 0.0
         )
-        tracked = np.array(shipped.output_weights) > 0.0
-        amplitude = np.maximum(np.array(spread.amplitude), 1e-12)
+        amplitude = np.maximum(np.array(self.spread.amplitude), 1e-12)
         errors = np.abs(loop.outputs - loop.references)[:, tracked] / amplitude[tracked]
         low, high = rig.limits
         changes = np.diff(loop.inputs, axis=0) / (0.5 * (high - low))
@@ -143,6 +151,20 @@ class Loops:
             if ends is not None
         )
         return float(errors.mean()), float(np.sqrt((changes**2).mean(axis=0)).mean()), float(inside)
+
+    def _loop(self, values: Mapping[str, Mapping[str, Any]], number: int, unseen: bool) -> Sequence[float]:
+        rig, drawn = self.rig, self.drawn(number, unseen)
+        scales = np.array([display.scale for display in rig.display])
+        loop = simulated_loop(
+            rig,
+            self.model,
+            controller_of(rig, self.model, values["controller"], lambda line: None).controller,
+            lambda times: drawn.reference(times) / scales,
+            duration=drawn.seconds,
+            plant=drawn.plant,
+            settings=values["estimator"],
+        )
+        return self.judged(loop)
 
     @cached_property
     def _system(self) -> Any:
