@@ -19,7 +19,8 @@ class ConditionReader(QuantityReader):
         """A condition such as "once it is still", "when it reaches 3 m" or "if the height drops below 3 m"."""
         parts = self.lexicon.parts
         begin = self.longest(parts["once"])
-        if not begin or self.longest(self.lexicon.meanings) > begin:  # "once more"
+        others = max(self.longest(self.lexicon.meanings), self.lexicon.courtesy(self.words[self.at :]))
+        if not begin or others > begin:  # "once more", "when you are ready"
             return False
         if self.up_to(begin):
             return True
@@ -31,7 +32,7 @@ class ConditionReader(QuantityReader):
         equals = self.longest(parts["equals"], skip=count - 1) == 1  # "when it is 2 m"
         equals = equals and not (at_once or later) and self._number_follows(count)
         lasting = self.words[count + settled + self.at :][:1] == ["for"]
-        if lasting and self.lexicon.meanings.get(words[:1]) == ():  # "let it settle for 5 s"
+        if lasting and self.lexicon.courtesy(words[:1]):  # "let it settle for 5 s"
             return False
         if settled and count + settled >= max(begin + at_once, count + later):
             self.at += count + settled
@@ -46,7 +47,7 @@ class ConditionReader(QuantityReader):
             when = "once" if when == "if" and (event or not side) else when
             self.found += [Symbol("z", (when, side), start), *([] if at_once else named[:1])]
             return True
-        if words in self.lexicon.meanings or (when != "if" and self.lexicon.meanings.get(words[:1]) == ()):
+        if words in self.lexicon.meanings or (when != "if" and self.lexicon.courtesy(words[:1])):
             return False
         raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1' or 'in 5 s'")
 

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.support.structured import read_mapping
 
 LANGUAGES = ("en", "pt")
-LONGEST_PHRASE = 8
+LONGEST_PHRASE = 10
 """Words."""
 VERBS = (
     "go", "hold", "still", "step", "ramp", "swing", "square", "toggle", "triangle", "chirp", "wait", "follow", "look",
@@ -56,13 +56,14 @@ class Lexicon:
 
     name: str
     table: Mapping[str, Any]
+    courtesies: Sequence[re.Pattern[str]]
+    """Of what says nothing wherever it stands, in small letters with one space between words."""
 
     @cached_property
     def meanings(self) -> Mapping[tuple[str, ...], tuple[tuple[str, Any], ...]]:
         """Kinds and values by the words of a phrase; none for what is dropped."""
         found: dict[tuple[str, ...], tuple[tuple[str, Any], ...]] = {}
         self._enter(found, "articles", ())
-        self._enter(found, "polite", ())
         for category, letter in {**ROLES, **NOUNS}.items():
             self._enter(found, category, ((letter, category),))
         for category, factor in SHARES.items():
@@ -128,7 +129,7 @@ class Lexicon:
             hard = {"c": f"{stem[:-1]}qu", "g": f"{stem}u"}.get(stem[-1:], stem) if verb.endswith("ar") else stem
             forms = [((hard if ending[0] == "e" else stem) + ending,) for ending in endings]
             return [*forms, *((to, verb) for to in self.table["before_infinitives"])]
-        if verb not in self.table.get("inflected", ()):
+        if "endings" in self.table or not verb.isalpha():
             return []
         doubled = verb + verb[-1] if SHORT.fullmatch(verb) else verb.removesuffix("e")
         participle = self.table["participles"].get(verb, f"{doubled}ed")
@@ -190,7 +191,13 @@ class Lexicon:
         """All single words that mean something somewhere."""
         phrases = [*self.meanings, *self.units, *(phrase for part in self.parts.values() for phrase in part)]
         single = {*self.table["numbers"], *self.table["signs"], *self.table["parts_of"]}
+        single |= {word for each in self.courtesies for word in re.findall(r"[a-z]+", each.pattern)}
         return frozenset(word for phrase in phrases for word in phrase) | single
+
+    def courtesy(self, words: Sequence[str]) -> int:
+        """How many of the next words are politeness or thinking aloud, 0 if none."""
+        said = " ".join(words[: words.index("")] if "" in words else words)
+        return max((match[0].count(" ") + 1 for each in self.courtesies if (match := each.match(said))), default=0)
 
     def longest(self, phrases: Any, words: Sequence[str]) -> int:
         """How many of the next words are one of some phrases, 0 if none."""
@@ -203,19 +210,37 @@ class Lexicon:
 @cache
 def lexicon(name: str) -> Lexicon:
     """That of a language."""
-    return Lexicon(name=name, table=_spread(read_mapping(Path(__file__).parent / "words" / f"{name}.yaml")))
+    table = read_mapping(Path(__file__).parent / "words" / f"{name}.yaml")
+    classes = table.pop("classes")
+    courtesies = [_expression(phrase, classes) for phrase in table.pop("polite")]
+    return Lexicon(name=name, table=_spread(table, classes), courtesies=courtesies)
 
 
-def _spread(table: Any) -> Any:
-    """A table whose phrases are written out: "go (back|home)" stands for "go back" and "go home"."""
+def _expression(phrase: str, classes: Mapping[str, str]) -> re.Pattern[str]:
+    """Of all that a phrase stands for, longer ones first."""
+    written, groups = re.sub(r"<(\w+)>", lambda match: f"({classes[match[1]]})", phrase), list[str]()
+    while match := re.search(r"\(([^()]*)\)", written):
+        longest_first = "|".join(sorted(match[1].split("|"), key=len, reverse=True))
+        groups.append(f"(?:{longest_first})")
+        written = f"{written[: match.start()]}@{len(groups) - 1};{written[match.end() :]}"
+    while "@" in written:
+        written = re.sub(r"@(\d+);", lambda match: groups[int(match[1])], written)
+    return re.compile(written + "(?= |$)")
+
+
+def _spread(table: Any, classes: Mapping[str, str]) -> Any:
+    """A table whose phrases are written out: "go (back|home)" stands for "go back" and "go home", and "<you> go" for
+    as many as the class ``you`` has members.
+    """
     if isinstance(table, Mapping):
-        return {key: _spread(part) for key, part in table.items()}
-    return [each for phrase in table for each in _alternatives(phrase)] if isinstance(table, list) else table
+        return {key: _spread(part, classes) for key, part in table.items()}
+    return [each for phrase in table for each in _alternatives(phrase, classes)] if isinstance(table, list) else table
 
 
-def _alternatives(phrase: str) -> Sequence[str]:
+def _alternatives(phrase: str, classes: Mapping[str, str]) -> Sequence[str]:
+    phrase = re.sub(r"<(\w+)>", lambda match: f"({classes[match[1]]})", phrase)
     match = re.search(r"\(([^()]*)\)", phrase)
     if match is None:
         return [" ".join(phrase.split())]
     made = (phrase[: match.start()] + each + phrase[match.end() :] for each in match[1].split("|"))
-    return [written for each in made for written in _alternatives(each)]
+    return [written for each in made for written in _alternatives(each, classes)]

@@ -41,9 +41,9 @@ def _asks(parts: list[list[str]], language: Lexicon, *, bare: bool) -> bool:
 
 def _begins(words: list[str], language: Lexicon) -> bool:
     """Whether a part begins with a question, politeness apart."""
-    polite = {phrase for phrase, meaning in language.meanings.items() if not meaning}
     while words:
-        asks, count = language.longest(language.parts["ask"], words), language.longest(polite, words)
+        asks = language.longest(language.parts["ask"], words)
+        count = max(language.courtesy(words), language.longest(language.parts["articles"], words))
         if asks:
             return asks >= count and (words[0] != "keep" or asks == len(words))
         if not count:

@@ -146,7 +146,7 @@ class _Reader(ConditionReader):
             self.vocabulary.longest(words, self.lexicon),
             self._without_sign(self.longest(self.lexicon.meanings)),
         )
-        text = self.tokens[self.at].text
+        text, courtesy = self.tokens[self.at].text, self.lexicon.courtesy(words)
         if text in self.vocabulary.rig.references and self._asks_to_follow():
             self.at += 1
             self.found.append(Symbol("G", text, text))
@@ -157,6 +157,8 @@ class _Reader(ConditionReader):
         ):
             self.at += own[0]
             self.found.append(own[1])
+        elif courtesy and courtesy >= count:
+            self.at += courtesy
         elif count == 1 and self._article():
             self.at += 1
         elif count:
@@ -183,7 +185,8 @@ class _Reader(ConditionReader):
         says "level" needs a position. Raises UserError for a phrase that no command has, before others that nobody
         knows; "gain" is one, but not in "gain 100 m".
         """
-        skip = 1 + self.longest({words for words, other in self.lexicon.meanings.items() if not other}, skip=1)
+        articles = self.longest(self.lexicon.parts["articles"], skip=1)
+        skip = 1 + max(articles, self.lexicon.courtesy(self.words[self.at + 1 :]))
         gains = len(meanings) > 1 and self._number_follows(skip)
         if ("!" in [kind for kind, _ in meanings]) and self._applied(len(said.split())):
             return
