@@ -12,7 +12,7 @@ from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG, sentence
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
 from hybrid_sysid_ros.extensions.commander.language.shared_units import share_units, with_units_of_lists
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import COUNT, TIME
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 GO = Symbol("V", "go", "go")
@@ -41,18 +41,25 @@ def _with_paces(found: Sequence[Clause]) -> list[Clause]:
     return made
 
 
+def _letter(symbol: Symbol) -> str:
+    """By which patterns know a symbol: its kind, or what a quantity measures."""
+    if symbol.kind != "Q" or symbol.value[1] is None:
+        return "9" if symbol.kind == "Q" else symbol.kind
+    return {TIME: "1", FREQUENCY: "2", COUNT: "Q"}.get(symbol.value[1].base, "9")
+
+
 class _Matcher(Notes):
     """Fits patterns to the symbols of one clause."""
 
     def clause(self) -> Clause:
-        letters = "".join(symbol.kind for symbol in self.part)
+        letters = "".join(map(_letter, self.part))
         at = 0
         while at < len(letters):
             for slot, pattern in PATTERNS:
                 match = pattern.match(letters, at)
                 if match and match.end() > at and not (slot == "object" and at):
                     end = self.end(slot, match)
-                    self.note(slot, self.part[at:end], letters[at:end])
+                    self.note(slot, self.part[at:end], "".join(symbol.kind for symbol in self.part[at:end]))
                     at = end
                     break
             else:
@@ -63,11 +70,13 @@ class _Matcher(Notes):
         """Where a match ends: a name behind a value is not its own where another one stands before it ("height 300 m,
         speed 10 m/s"). Raises UserError for a condition that would have to last.
         """
-        if slot == "condition" and match.string[match.end() :][:2] in ("RQ", "rQ"):
+        kinds = "".join(symbol.kind for symbol in self.part)
+        if slot == "condition" and kinds[match.end() :][:2] in ("RQ", "rQ"):
             raise UserError("how long a condition lasts is not watched: say 'once it is still, wait 5 s, then go to 0'")
-        if not self.waiting or slot == "share" or "Q" not in match[0] or match[0][-1] not in "KO":
+        taken = kinds[match.start() : match.end()]
+        if not self.waiting or slot == "share" or "Q" not in taken or taken[-1] not in "KO":
             return match.end()
-        return match.start() + match[0].index("Q") + 1
+        return match.start() + taken.index("Q") + 1
 
     def without_meaning(self, at: int) -> str:
         symbol = self.part[at]

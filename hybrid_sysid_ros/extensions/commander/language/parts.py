@@ -15,6 +15,10 @@ SWUNG = frozenset({"swing", "square", "toggle", "triangle", "chirp"})
 
 def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
     """Symbols between marks, "then", with which a part may begin, and an "and" or a comma before a verb."""
+    found = [
+        symbol for k, symbol in enumerate(found)
+        if symbol.kind != "," or not {each.kind for each in (*found[k - 1 : k], *found[k + 1 : k + 2])} & {"j", ";"}
+    ]  # fmt: skip
     made: list[list[Symbol]] = [[]]
     listed = re.search("Qe(?!Q)|eR", "".join(symbol.kind for symbol in found)) is not None
     for k, symbol in enumerate(found):
@@ -50,17 +54,23 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             made.append([symbol])
         elif symbol.kind == ";" or (
             symbol.kind in "j,"
-            and _begins(before, following, found[k + 1 :], listed and not SWUNG & {each.value for each in made[-1]})
+            and _begins(before, following, found[k + 1 :], listed, swung=bool(SWUNG & {each.value for each in made[-1]}))
         ):
             made.append([symbol] if symbol.value in ("then", "while") else [])
-        elif symbol.kind != ",":
+        elif symbol.kind != "," or _parts_noun(made[-1], found[k + 1 :]):
             made[-1].append(symbol)
     return [part for part in made if part]
 
 
-def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -> bool:
+def _parts_noun(before: Sequence[Symbol], rest: Sequence[Symbol]) -> bool:
+    """Whether a comma says to which of two values a noun of a swing belongs: "20 s, period 4 s", "4 s period, 20 s"."""
+    left, right = "".join(each.kind for each in before[-2:]), "".join(each.kind for each in rest[:2])
+    return bool(re.search("Q[akfq]$", left) and right[:1] == "Q") or bool(left[-1:] == "Q" and right[:1] in tuple("akfq"))
+
+
+def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *, swung: bool) -> bool:
     """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then;
-    listed: that values last so long each.
+    listed: that values last so long each; swung: that these letters are of a swing.
     """
     if re.search("U.*Q|Q.*U", before) and re.match("[KO]+o?U", "".join(symbol.kind for symbol in rest)):
         return True  # "height up 100 m, speed down 10 m/s"
@@ -88,7 +98,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool) -
         return any(letter in "VUOKTMu" for letter in before)
     if re.search("B(?:[KO]o?)?Q$", before):
         return False  # "between 4 and 6 rad/s, 5 s each"
-    if re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
+    if not swung and re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
 

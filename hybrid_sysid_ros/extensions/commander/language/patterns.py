@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-_LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quantity, O: an output by name
+_LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: any quantity, 1: a time, 2: a frequency, 9: none of these; O: an output by name
     ("to_name", "[TW]?K?GK?"),
     ("from_here", "F(?:H|J?N[KO]?)"),
     ("former", "[TWo]?(?:J?[KO]P|P[KO]?)"),
@@ -18,12 +18,12 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quan
     ("around", "W?A(?:[KO]o?)?Q"),
     ("share", "[TWY]?(?:Q|SN?)o?(?:[NXx](?:o?[KO])?|[KO]o?[NXx])"),
     ("full_speed", "W?(?:xo?[KO]|[KO]x)"),
-    ("as_fast", "[SQ]g"),
+    ("as_fast", "Sg|Qg"),
     ("limit", "Tx(?:o?[KO])?|T[KO]x"),
     ("share", "[TWYI]?S(?:o?[KO](?:oO)?)?(?:o?J)?"),
-    ("amplitude", "[jWo]?[ak]o?(?:oO)?J?[TYW]?Q|[WYo]?Qo?[ak]"),
-    ("frequency", "[jWIo]?fo?J?[TYW]?Q|W?Qof"),
-    ("period", "[jWo]?qo?J?[TYW]?Q|W?Q[oe]q|W?Qq(?!o?[TYW]?Q)"),
+    ("amplitude", "[jWo]?[ak]o?(?:oO)?J?[TYW]?9|[WYo]?9o?[ak]"),
+    ("frequency", "[jWIo]?fo?J?[TYW]?[29]|W?2o?f"),
+    ("period", "[jWo]?qo?J?[TYW]?[19]|W?Q[oe]q|W?Qq(?!o?[TYW]?[19])"),
     ("noun", "o?[afq](?:o[JO])?"),
     ("rate", "W[KO]o?Q(?!o?[akfq]|T)"),
     ("no_faster", "<Q"),
@@ -51,7 +51,7 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quan
     ("plain", "o?Q(?:o?[KO])?"),
     ("comparative", "b?m?Mb?"),
     ("bit", "b"),
-    ("direction", "U(?:o?J)?"),
+    ("direction", "T?U(?:o?J)?"),
     ("more", r"\+(?:o?J)?"),
     ("sense", "d"),
     ("home_place", "[TWo]?u(?:o?[JKO])?"),
@@ -61,7 +61,7 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: a quan
     ("object", "J+"),
     ("wish", "wJ?"),
     ("displacing", "y"),
-    ("and", "(?!^)j(?!$)"),
+    ("and", "(?!^)j(?!$)|,"),
 )
-PATTERNS = tuple((slot, re.compile(letters)) for slot, letters in _LETTERS)
+PATTERNS = tuple((slot, re.compile(letters.replace("Q", "[129Q]"))) for slot, letters in _LETTERS)
 """Slots of a clause, each with the letters that fill it."""
