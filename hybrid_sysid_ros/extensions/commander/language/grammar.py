@@ -174,6 +174,7 @@ def _stage(
             if commands == [made] == [Repeat()] and other and not JOINED.search(text):
                 continue  # "one more time, same as before"
             joined = not clause.then
+            joint = joint or ("while" if clause.meanwhile and not isinstance(made, Wait) else "")
             commands = (
                 _joined(commands, made, joint) if joint else _repeated(commands, made, meaning.times, joined=joined)
             )
@@ -221,6 +222,8 @@ def _all_again(sentence: Sentence, rounds: int) -> Sentence:
 
 def _joined(before: list[Command], made: Command, said: str) -> list[Command]:
     """Commands of which the last one and another move at the same time. Raises UserError for what can't."""
+    if not before:
+        raise UserError(f"{said!r} what? say both values in one part, as in 'height 100 m and speed 10 m/s in 60 s'")
     last = before[-1]
     plain = [isinstance(each, Move) and each == Move(goals=each.goals, shape="smooth") for each in (last, made)]
     if not (isinstance(last, Move) and isinstance(made, Move) and all(plain)):

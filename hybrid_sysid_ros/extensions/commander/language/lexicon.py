@@ -75,6 +75,8 @@ class Lexicon:
         self._enter(found, "over_to", (("V", "go"), ("T", "to")))
         self._enter(found, "slow_to", (("V", "go"), ("U", -1.0), ("T", "to")))
         self._enter(found, "while_holding", ((";", "while"), ("V", "hold")))
+        for category in ("while", "before"):
+            self._enter(found, category, ((";", category),))
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))
         self._enter(found, "at_rest", (("n", "rest"), ("T", "to"), ("Q", (0.0, None))))
         zero = (("V", "go"), ("n", "rest"), ("T", "to"), ("Q", (0.0, None)))

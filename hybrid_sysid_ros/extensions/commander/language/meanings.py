@@ -267,8 +267,6 @@ class Meaning(Adjustments):
         seconds = self.seconds("for")
         if not self.left and not clause.shares:
             return self.stay(seconds or 0.0)
-        if clause.meanwhile and self.behind:
-            raise UserError("only one thing moves at a time here: join the parts by 'then'")
         if clause.directions:
             raise UserError(f"hold takes no direction: say 'go {clause.directions[0].text}', or where to hold")
         times = [item for item in self.left if item.base == TIME and item.role not in ("in", "within")]
@@ -319,7 +317,8 @@ class Meaning(Adjustments):
                 self.left.append(replace(item, role="to"))
         if shape == "straight":  # a ramp lasts as long as it takes
             self.left = [replace(item, role="in") if LASTING.match(folded(item.text)) else item for item in self.left]
-        seconds = self.seconds("in", "within")
+        # "slowly, 8 s" can only be how long the motion takes
+        seconds = self.seconds("in", "within", *([""] if self.pace == "slowly" else []))
         hold = self.seconds("for")
         led = (
             ("at", "no_faster", "by") if "to" in self.roles else ("at", "no_faster")

@@ -19,6 +19,8 @@ AMOUNT = (
 ABOUT = r"(?:roughly|approximately|approx|about|around|cerca\s+de|aproximadamente|un[sa]s|coisa\s+de)"
 SECONDS = r"(?:s|secs?|seconds?|mins?|minutes?|segundos?|minutos?)\b"
 PHRASES = (
+    (re.compile(r"[:;]-?[()]+"), " "),
+    (re.compile(r"[()\[\]]"), ", "),
     (re.compile(r"\bpr([ao]s?)\b", re.I), lambda match: "para" if match[1].lower() == "a" else f"para {match[1]}"),
     (re.compile(r"\bt(á|ava)\b", re.I), r"est\1"),
     (re.compile(r",\s*like\s+(?=(?:\d|half|one|two|three|four|five|ten|twenty)\b)", re.I), ", "),
@@ -170,6 +172,8 @@ def written_out(text: str, lexicon: Lexicon) -> str:
         r"\b(?:then|and|or|ent[aã]o|depois|e|ou)\b", said, re.I
     ):
         said = single[1]
+    numbers = "|".join({*lexicon.table["numbers"], "a", "an"})
+    said = re.sub(rf"(?<=[^\W\d_]) +-+ +(?!(?:{numbers})\b)(?=[^\W\d_])", ", ", said)
     said = BAND.sub(f" {lexicon.table['to'][0]} ", said.translate(LOOKALIKES))
     said = LEVELS.sub(f"{lexicon.table['step_through'][0]} ", said)
     said = PEAK_TO_PEAK.sub(rf" \1 {lexicon.table['peak_to_peak'][0]} ", said)

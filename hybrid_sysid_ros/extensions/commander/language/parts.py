@@ -9,6 +9,8 @@ from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
+ORDERS = ("then", "while", "before", "after")
+"""Words with which a part begins that say when it comes."""
 SWUNG = frozenset({"swing", "square", "toggle", "triangle", "chirp"})
 """Verbs whose count is that of their periods."""
 
@@ -26,6 +28,13 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         before = "".join(each.kind for each in made[-1])
         if symbol.kind == "," and re.fullmatch("[KOJ]+", before) and following in ("V", "y"):
             continue  # a name before a verb
+        acts = following in tuple("VyUw") or (following == "J" and found[k + 1].text.endswith("ing"))
+        if symbol.value == "before" and not acts:
+            raise UserError(
+                f"{symbol.text!r}: nothing watches for that: say what comes first, and the other behind 'then'"
+            )
+        if symbol.kind == "D" and acts:  # "after climbing 100 m"
+            symbol = Symbol(";", "after", symbol.text)
         if symbol.kind == "!":
             raise UserError(f"{symbol.text!r}: {symbol.value}")
         if symbol.text == "?" and before and not re.search("[VUwyMZz]", before):
@@ -50,16 +59,44 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by' before it")
         if symbol.kind == "," and ended:
             made.append([])
+        elif len(made) == 2 and not made[0] and _leads(made[1]) and symbol.kind in "VyU" and "Q" in before:
+            made.append([symbol])  # "after climbing 100 m accelerate by 10 m/s"
         elif _waits(made[-1], symbol, found[k + 1 : k + 3]):
             made.append([symbol])
         elif symbol.kind == ";" or (
             symbol.kind in "j,"
             and _begins(before, following, found[k + 1 :], listed, swung=bool(SWUNG & {each.value for each in made[-1]}))
         ):
-            made.append([symbol] if symbol.value in ("then", "while") else [])
+            made.append([symbol] if symbol.value in ORDERS else [])
         elif symbol.kind != "," or _parts_noun(made[-1], found[k + 1 :]):
             made[-1].append(symbol)
-    return [part for part in made if part]
+    return _in_order([part for part in made if part])
+
+
+def _in_order(parts: list[list[Symbol]]) -> list[list[Symbol]]:
+    """Parts as they come one after the other, "then" and "while" before those that begin with it. Raises UserError for
+    what comes before or after nothing.
+    """
+    if parts and parts[0][0].value in ("before", "while") and parts[0][0].kind == ";":  # "before going home, wait 5 s"
+        if len(parts) < 2:
+            raise UserError(f"{parts[0][0].text!r} what? say the parts one after the other, joined by 'then'")
+        mark, first = parts[0][0], parts[0][1:]
+        parts[:2] = [parts[1], [mark, *first]] if mark.value == "before" else [first, [mark, *parts[1]]]
+    late = [k for k, part in enumerate(parts) if part[0].kind == ";" and part[0].value == "after"]
+    for k in late:
+        if k > 1 or len(late) > 1:
+            raise UserError("which part comes first? say them one after the other, joined by 'then'")
+        parts[k] = parts[k][1:]
+        parts[:k + 1] = [parts[k], *parts[:k]]  # "go home after climbing 100 m"
+    return [
+        [Symbol(";", "then", part[0].text), *part[1:]] if part[0].kind == ";" and part[0].value == "before" else part
+        for part in parts if [symbol.kind for symbol in part] != [";"]
+    ]  # fmt: skip
+
+
+def _leads(part: Sequence[Symbol]) -> bool:
+    """Whether a part begins with "before", "after" or "while"."""
+    return bool(part) and part[0].kind == ";" and part[0].value in ORDERS[1:]
 
 
 def _parts_noun(before: Sequence[Symbol], rest: Sequence[Symbol]) -> bool:
@@ -100,7 +137,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
         return False  # "between 4 and 6 rad/s, 5 s each"
     if not swung and re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
-    return following in ("Z", "z", "D") and any(symbol.kind in "VU" for symbol in rest)
+    return following in ("Z", "z", "D") and any(symbol.kind in "VUw" for symbol in rest)
 
 
 def _is_count(symbol: Symbol) -> bool:

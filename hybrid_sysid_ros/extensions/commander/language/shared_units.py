@@ -13,6 +13,8 @@ from hybrid_sysid_ros.extensions.commander.language.swings import SIZES
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import Unit
 
+LEADING = SWUNG | {"go", "step", "ramp", "back"}
+"""Verbs beside which a bare number is a value: "a sine about 8 m, 2 either way"."""
 LEVELS = ("to", "by", "from", "around", "plus_minus", "between", "range", "span")
 """Roles of values that are no times and no rates."""
 
@@ -50,6 +52,9 @@ def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
             replace(item, unit=unit) if unit is not None and _lacks(item, clause, unit, vocabulary) else item
             for item in clause.quantities
         ]
+        rise = clause.increment
+        if rise is not None and rise.unit is None and unit is not None and any(map(unit.alike, _own(rise, vocabulary))):
+            clause.increment = replace(rise, unit=unit)
 
 
 def _spoken(clause: Clause, vocabulary: Vocabulary) -> Sequence[Quantity]:
@@ -78,14 +83,12 @@ def _lacks(item: Quantity, clause: Clause, unit: Unit, vocabulary: Vocabulary) -
     """Whether a value needs a unit, and this one measures its output. Of a pair one may stand for both."""
     goes_on = item.role == "" and clause.then and not clause.verbs
     paired = any(other.unit is not None and other.text == item.text for other in clause.quantities)
-    change = item.role == "" and bool(clause.directions)
-    swung = item.role == "" and bool(
-        SWUNG & {symbol.value for symbol in clause.verbs}
-    )  # "a sine about 8 m, 2 either way"
-    level = (
-        swung
-        or item.kind in SIZES
-        or (item.kind not in ("frequency", "period") and (item.role in LEVELS or goes_on or change))
+    verbs = {symbol.value for symbol in clause.verbs}
+    alone = verbs & SWUNG or not any(other.role == "to" for other in clause.quantities)
+    leads = bool(clause.directions) or (alone and (clause.wish or verbs & LEADING))
+    change = item.role in ("", "at") and bool(leads)
+    level = item.kind in SIZES or (
+        item.kind not in ("frequency", "period") and (item.role in LEVELS or goes_on or change)
     )
     return (
         item.unit is None

@@ -147,7 +147,10 @@ class _Reader(ConditionReader):
             self._without_sign(self.longest(self.lexicon.meanings)),
         )
         text, courtesy = self.tokens[self.at].text, self.lexicon.courtesy(words)
-        if text in self.vocabulary.rig.references and self._asks_to_follow():
+        if way := self.vocabulary.way(self.word(), self.lexicon):
+            self.at += 1
+            self.found += way
+        elif text in self.vocabulary.rig.references and self._asks_to_follow():
             self.at += 1
             self.found.append(Symbol("G", text, text))
         elif (
@@ -193,6 +196,8 @@ class _Reader(ConditionReader):
         for kind, reason in meanings if not gains else ():
             if kind == "!" and not (("N", "present") in meanings and self._noun(len(said.split()))[0]):
                 raise UserError(f"{said!r}: {reason}")
+        if (";", "before") in meanings and self.longest(self.lexicon.parts["reaches"], skip=len(said.split())):
+            raise UserError(f"{said!r}: nothing watches for that: say 'when it reaches' a value")
         if "x" in [kind for kind, _ in meanings] and said in self.vocabulary.words_of_names:
             raise UserError(f"{said!r}: the highest value, or a part of the rig? say 'to the maximum', or a value")
         if (
@@ -209,6 +214,9 @@ class _Reader(ConditionReader):
             if not self.vocabulary.of_kind(noun):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind not in "hn!"]
+        if ("V", "step") in meanings and [each.kind for each in self.found[-3:-1]] not in (["T", "Q"], ["F", "Q"]):
+            if len(self.found) > 1 and self.found[-2].kind == "Q":  # "a 2 V step"
+                self.found[-2:] = self.found[-1], Symbol("Y", "by", ""), self.found[-2]
         for noun in [value for kind, value in meanings if kind == "h"]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
 
@@ -219,13 +227,17 @@ class _Reader(ConditionReader):
         return bool(said) and said[0][0] in "ILi" and self._number_follows(skip + count)
 
     def _applied(self, count: int) -> bool:
-        """Whether "apply" is of a motion: "apply a step of 1 m"."""
+        """Whether "apply" is of a motion, in the same part: "apply a step of 1 m", "apply a 2 V step"."""
         if tuple(self.words[self.at : self.at + count]) not in self.lexicon.parts["applied"]:
             return False
-        skip = count + self.longest(self.lexicon.parts["articles"], skip=count)
-        skip += self._noun(skip)[0]  # "a reference step"
-        words = tuple(self.words[self.at + skip :][: self.longest(self.lexicon.meanings, skip=skip)])
-        return any(kind == "V" and value in SHAPES for kind, value in self.lexicon.meanings.get(words, ()))
+        for k in range(self.at + count, len(self.tokens)):
+            words = tuple(self.words[k : k + self.lexicon.longest(self.lexicon.meanings, self.words[k:])])
+            meanings = self.lexicon.meanings.get(words, ())
+            if any(kind == "V" and value in SHAPES for kind, value in meanings):
+                return True
+            if self.tokens[k].kind == "mark" or any(kind in "V;j!" for kind, _ in meanings):
+                return False
+        return False
 
     def _article(self) -> bool:
         """Whether a word that is an article or a preposition is an article here: no number follows."""

@@ -97,12 +97,14 @@ class Vocabulary:
 
     @cached_property
     def spoken(self) -> Mapping[str, Mapping[str, str]]:
-        """By language, words of the rig's names by what else people say for them: ``names`` of its file. Raises
-        UserError for a language that is not read, a word that is in no name, and what means something in any command.
+        """By language, words of the rig's names by what else people say for them: ``names`` of its file; "+NAME" and
+        "-NAME" by words for a direction of that output. Raises UserError for a language that is not read, a word that
+        is in no name, and what means something in any command.
         """
         given, where = section(self.rig.content, "names", str(self.rig.file)), f"{self.rig.file}: names"
         refuse_unknown(given, LANGUAGES, where)
-        own = tuple(sorted({word for phrase in self.phrases for word in phrase}))
+        ways = (sign + self.outputs[k].name for sign in "+-" for k in self.tracked)
+        own = (*sorted({word for phrase in self.phrases for word in phrase}), *ways)
         found: dict[str, dict[str, str]] = {language: {} for language in LANGUAGES}
         for language in given:
             named, here = section(given, language, where), f"{where}.{language}"
@@ -111,7 +113,8 @@ class Vocabulary:
                 if not isinstance(others, list) or not all(isinstance(each, str) and each.isalpha() for each in others):
                     raise UserError(f"{here}.{name} is {others!r}: it needs a list of single words")
                 for word in map(folded, others):
-                    if (word,) in lexicon(language).meanings:
+                    known = lexicon(language).meanings.get((word,), (("!", ""),))
+                    if any(kind != "!" for kind, _ in known):
                         raise UserError(f"{here}.{name}: {word!r} means something in all commands: take another word")
                     found[language][word] = name
         return found
@@ -126,6 +129,13 @@ class Vocabulary:
         said = [own.get(word, word) for word in words]
         count = language.longest(self.phrases, said)
         return (count, self.phrases[tuple(said[:count])]) if count else None
+
+    def way(self, word: str, language: Lexicon) -> tuple[Symbol, Symbol] | None:
+        """A direction, and the output of which it is, where the rig has a word for it, as "left" of a yaw."""
+        name = self.spoken[language.name].get(word, "")
+        if name[:1] not in ("+", "-"):
+            return None
+        return Symbol("U", 1.0 if name[0] == "+" else -1.0, word), Symbol("O", self.names[name[1:].lower()], word)
 
     @cached_property
     def units(self) -> Mapping[str, Unit]:

@@ -116,7 +116,7 @@ FEW_WORDS: list[tuple[str, str, Any]] = [
     (CONE, "climb 100 m while holding the speed", [by(100, "height"), wait(0)]),
     (BEAM, "ramp to 2 V in 5 s and back to 0 in 5 s", [ramp(2, seconds=5), ramp(0, seconds=5)]),
     (BEAM, "ramp up to 2 V and down to -2 V, 5 s each", [ramp(2, hold=5), ramp(-2, hold=5)]),
-    (CONE, "climb 100 m keeping speed at 10 m/s", Refused("one thing moves at a time")),
+    (CONE, "climb 100 m keeping the height at 10 m", Refused("one output has one value at a time")),
     (BEAM, "passe de 2 V", Refused("unknown word")),
     (DRILL, "step the bit through 2, 4 and 6 rad/s, 2 s each", [step(2, hold=2), step(4, hold=2), step(6, hold=2)]),
     (DRILL, "swing around 6 rad/s, amplitude 1, period 20 s, for 40 s", [swing(5, 7, 0.05, 40)]),
