@@ -54,7 +54,10 @@ class ConditionReader(QuantityReader):
     def up_to(self, begin: int) -> bool:
         """Whether a value follows "until": where what moves goes to, or what a wait or a hold is for."""
         words = tuple(self.words[self.at : self.at + begin])
-        if words[-1] not in ("until", "till") or not self._number_follows(begin):
+        if words[-1] not in ("until", "till"):
+            return False
+        begin += self.longest(self.lexicon.parts["it_is"], skip=begin)  # "until it is 180 rpm"
+        if not self._number_follows(begin):
             return False
         self.found.append(Symbol("T", "to", words[0]) if self.moves() else Symbol("z", ("until", 0.0), " ".join(words)))
         self.at += begin

@@ -57,7 +57,7 @@ class _Matcher(Notes):
         while at < len(letters):
             for slot, pattern in PATTERNS:
                 match = pattern.match(letters, at)
-                if match and match.end() > at and not (slot == "object" and at):
+                if match and match.end() > at:
                     end = self.end(slot, match)
                     self.note(slot, self.part[at:end], "".join(symbol.kind for symbol in self.part[at:end]))
                     at = end

@@ -52,7 +52,8 @@ class Meaning(Adjustments):
             raise UserError(f"back by how much is up or down? say 'up 1 {self.example}' or 'down 1 {self.example}'")
         if "follow" in found and not clause.names and len(found) > 1 and "step" not in found:
             found.remove("follow")  # "run the last experiment", "fly a staircase"
-        if "repeat" in found and len(found) > 1 and (self.left or "undo" in found):  # "undo the last command"
+        if "repeat" in found and len(found) > 1 and (self.left or {"undo", "home"} & {*found}):
+            # "undo the last command", "level again"
             found.remove("repeat")
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
         if self._climbs(found):
@@ -97,7 +98,7 @@ class Meaning(Adjustments):
             found = ["wait"]  # "give it 5 s"
         if not found and (
             clause.directions or clause.comparatives or clause.targets or clause.shares or clause.full_speed
-            or self.span_in_time()
+            or self.span_in_time() or (clause.sense and self.left)
             or any(item.role in ("to", "range") or self.adjusted(item) for item in self.left) or self._said()
         ):  # fmt: skip
             found = ["go"]

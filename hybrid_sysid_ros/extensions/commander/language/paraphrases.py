@@ -43,7 +43,7 @@ PHRASES = (
     (re.compile(r"(?<=\d)½"), ".5"),
     (re.compile(r"½"), "0.5"),
     (re.compile(r"\.{3,}|\.{2}(?=\s|$)"), ", "),
-    (re.compile(r"\b(?:times\s+(?:a|per|every)\s+sec(?:ond)?|vez(?:es)?\s+por\s+segundo)\b", re.I), " Hz "),
+    (re.compile(r"\b(?:times?\s+(?:a|per|every)\s+sec(?:ond)?|vez(?:es)?\s+por\s+segundo)\b", re.I), " Hz "),
     (
         re.compile(r"\b(?:(once)|twice)\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I),
         lambda match: f" at {2 - bool(match[1])} Hz ",
@@ -104,7 +104,7 @@ PHRASES = (
     (re.compile(rf"\b(?:put|stick|tack|pile|pack)\s+on\s+{AMOUNT}", re.I), r"increase by \1"),
     (
         re.compile(
-            rf"\b(?:put|stick|tack|pile|pack)\s+{AMOUNT}on\b(?=\s*(?:$|[,;.!]|(?:to|in|over|the|within)\b))", re.I
+            rf"\b(?:put|stick|tack|pile|pack)\s+{AMOUNT}on\b(?=\s*(?:$|[,;.!]|(?:to|in|over|within)\b))", re.I
         ),
         r"increase by \1",
     ),

@@ -137,7 +137,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
         return False  # "between 4 and 6 rad/s, 5 s each"
     if not swung and re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
-    return following in ("Z", "z", "D") and any(symbol.kind in "VUw" for symbol in rest)
+    return following in ("Z", "z", "D") and any(symbol.kind in "VUw" or is_level(symbol) for symbol in rest[1:])
 
 
 def _is_count(symbol: Symbol) -> bool:

@@ -58,7 +58,7 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: any qu
     ("verb", "[oW]?V(?:o?J)*"),
     ("pace", "[Cc]J?"),
     ("all", "l"),
-    ("object", "J+"),
+    ("object", "[WToI]?J+"),
     ("wish", "wJ?"),
     ("displacing", "y"),
     ("and", "(?!^)j(?!$)|,"),

@@ -155,7 +155,7 @@ class QuantityReader:
             or self.longest(self.lexicon.parts_more, skip=1) > 0
             or (self.at + 1 < len(self.tokens) and self._unit_at(self.at + 1) is not None)
             or following[0] in ("hundred", "thousand")
-            or (self.word() == "one" and 0 <= self.lexicon.table["numbers"].get(following[0], -1) < 10)
+            or (self.word() == "one" and 0 <= self.lexicon.table["numbers"].get(following[0], -1) < 100)
         )
 
     def _number_follows(self, skip: int = 1) -> bool:
@@ -206,6 +206,10 @@ class QuantityReader:
         numbers = self.lexicon.table["numbers"]
         if (digits := self.digit_by_digit()) is not None:
             return digits
+        hundreds, tens = (numbers.get(word, 0) for word in [*self.words[self.at : self.at + 2], ""][:2])
+        if 0 < hundreds < 10 <= tens < 100 and self.lexicon.name == "en":  # "one twenty"
+            self.at += 1
+            return float(100 * hundreds) + self.spelled()
         total = group = 0.0
         while count := self.longest(self._spelled()):
             value = numbers[" ".join(self.words[self.at : self.at + count])]

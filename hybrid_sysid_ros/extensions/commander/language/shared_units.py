@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG, is_level
 from hybrid_sysid_ros.extensions.commander.language.swings import SIZES
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import Unit
+from hybrid_sysid_ros.rigs.units import TIME, Unit
 
 LEADING = SWUNG | {"go", "step", "ramp", "back"}
 """Verbs beside which a bare number is a value: "a sine about 8 m, 2 either way"."""
@@ -44,8 +44,14 @@ def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
     """
     spoken = [_spoken(clause, vocabulary) for clause in clauses]
     last = next((said[0].unit for said in spoken if said), None)
+    several = len([k for k in vocabulary.tracked if vocabulary.outputs[k].moves]) > 1
+    time, verbs = None, list[str]()
     for clause, said in zip(clauses, spoken, strict=True):
         last = said[-1].unit if said else last
+        time = _with_times(clause, time)
+        if several and clause.verbs and [verb.text for verb in clause.verbs] != verbs and not (clause.targets or clause.directions or said):
+            last = None  # "turn 60 degrees, then drive at 0.2"
+        verbs = [verb.text for verb in clause.verbs]
         rates = [unit for item in clause.quantities for unit in _of_rate(item, vocabulary)]
         unit = last if said or not rates else rates[0]
         clause.quantities = [
@@ -55,6 +61,17 @@ def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
         rise = clause.increment
         if rise is not None and rise.unit is None and unit is not None and any(map(unit.alike, _own(rise, vocabulary))):
             clause.increment = replace(rise, unit=unit)
+
+
+def _with_times(clause: Clause, time: Unit | None) -> Unit | None:
+    """The last unit of time that was said, which times without one have: "for 8 s, ... for another 8"."""
+    for k, item in enumerate(clause.quantities):
+        waits = item.role == "" and {verb.value for verb in clause.verbs} == {"wait"}
+        if item.unit is None and item.value and time is not None and (item.role in ("for", "within") or waits):
+            clause.quantities[k] = replace(item, unit=time)
+        elif item.base == TIME and item.unit is not None:
+            time = item.unit
+    return time
 
 
 def _spoken(clause: Clause, vocabulary: Vocabulary) -> Sequence[Quantity]:

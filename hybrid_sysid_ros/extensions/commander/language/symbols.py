@@ -147,7 +147,7 @@ class _Reader(ConditionReader):
             self._without_sign(self.longest(self.lexicon.meanings)),
         )
         text, courtesy = self.tokens[self.at].text, self.lexicon.courtesy(words)
-        if way := self.vocabulary.way(self.word(), self.lexicon):
+        if (way := self.vocabulary.way(self.word(), self.lexicon)) and count < 2:
             self.at += 1
             self.found += way
         elif text in self.vocabulary.rig.references and self._asks_to_follow():
@@ -214,9 +214,9 @@ class _Reader(ConditionReader):
             if not self.vocabulary.of_kind(noun):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind not in "hn!"]
-        if ("V", "step") in meanings and [each.kind for each in self.found[-3:-1]] not in (["T", "Q"], ["F", "Q"]):
-            if len(self.found) > 1 and self.found[-2].kind == "Q":  # "a 2 V step"
-                self.found[-2:] = self.found[-1], Symbol("Y", "by", ""), self.found[-2]
+        before = self.found[: -len(meanings)]
+        if ("V", "step") in meanings and re.search("(?:^|[^TFQ])Q$", "".join(each.kind for each in before)):
+            self.found = [*before[:-1], self.found[-1], Symbol("Y", "by", ""), before[-1]]  # "a 2 V step"
         for noun in [value for kind, value in meanings if kind == "h"]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
 
