@@ -134,7 +134,9 @@ class Notes:
     def _note_each(self, found: FilledSlot) -> None:
         """How long each part lasts, or how high each step is."""
         each = self.quantity(found.quantities[0], "for", found.text)
-        if each.base == TIME:
+        if each.base == TIME and any(symbol.value == "per_cycle" for symbol in found.part):
+            self.made.quantities.append(replace(each, role="", kind="period"))
+        elif each.base == TIME:
             self.made.each = each
         else:
             self.made.increment = each

@@ -162,6 +162,16 @@ LOOKALIKES = str.maketrans(
 """Minus, dashes, apostrophe, ordinal, Greek mu and Spanish marks, as editors and phones write them."""
 
 
+DASH = re.compile(r"([^\W\d_]+) +-+ +(?=[^\W\d_])")
+"""Between two parts of a sentence; before digits it would be a sign."""
+
+
+def _apart(match: re.Match[str], lexicon: Lexicon) -> str:
+    """A comma for a dash, but not behind a word that a number could follow: "go to - two volts"."""
+    kinds = {kind for kind, _ in lexicon.meanings.get((match[1].lower(),), ())}
+    return match[0] if kinds - {"J", "K", "O", "C"} else f"{match[1]}, "
+
+
 def written_out(text: str, lexicon: Lexicon) -> str:
     """A text without its openings and marks of thinking, and its paraphrases written out."""
     comma, end = DICTATED
@@ -172,8 +182,7 @@ def written_out(text: str, lexicon: Lexicon) -> str:
         r"\b(?:then|and|or|ent[aã]o|depois|e|ou)\b", said, re.I
     ):
         said = single[1]
-    numbers = "|".join({*lexicon.table["numbers"], "a", "an"})
-    said = re.sub(rf"(?<=[^\W\d_]) +-+ +(?!(?:{numbers})\b)(?=[^\W\d_])", ", ", said)
+    said = DASH.sub(lambda match: _apart(match, lexicon), said)
     said = BAND.sub(f" {lexicon.table['to'][0]} ", said.translate(LOOKALIKES))
     said = LEVELS.sub(f"{lexicon.table['step_through'][0]} ", said)
     said = PEAK_TO_PEAK.sub(rf" \1 {lexicon.table['peak_to_peak'][0]} ", said)

@@ -30,7 +30,7 @@ _LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: any qu
     ("increment", r"sQ|[IWo]?\^"),
     ("count_of_steps", "[IWoi]?#(?:oQW?e?)?"),
     ("together", "t"),
-    ("each", "[RWo]?QW?e(?=[RWo]?Qe|[^QR]|$)|eRQ"),
+    ("each", "[RWo]?QW?e(?:(?=[RWo]?Qe)|(?!Q|R))|eRQ"),
     ("at", "WQ(?:o[KO])?"),
     ("later", "I?QE"),
     ("to", "T(?:KoO|KO|OK|K|O)o?Q"),

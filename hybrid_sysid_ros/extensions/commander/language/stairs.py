@@ -22,7 +22,9 @@ class StairsMeaning:
     def command(self) -> Staircase:
         values = self.values
         in_all = self.clause.count_of_steps > 0 and "every" not in values.roles  # "up 2 m in 4 steps"
-        toward, seconds, rise, count = values.direction(), self.seconds(), self.rise(), self.count()
+        toward = values.direction()
+        self.part_span(toward)
+        seconds, rise, count = self.seconds(), self.rise(), self.count()
         begin, end = self.ends(rise)
         change = values.take(lambda item: item.role in ("", "by") and bool(item.base))
         if rise is None and not in_all:
@@ -49,6 +51,14 @@ class StairsMeaning:
             end=None if last is None else values.value(last, output, relative=last is change),
             rise=None if rise is None else abs(values.value(rise, output, relative=True)),
         )  # fmt: skip
+
+    def part_span(self, toward: float) -> None:
+        """Of "add 30 rpm every 2 s until 180 rpm" the first value is how high each step is."""
+        span = [item for item in self.values.left if item.role == "span"]
+        if toward and len(span) == 2 and self.clause.increment is None and "every" in self.values.roles:
+            first, last = span
+            self.values.left = [item for item in self.values.left if item not in span] + [replace(last, role="to")]
+            self.clause.increment = first
 
     def seconds(self) -> float:
         """How long each step lasts [s]."""

@@ -9,9 +9,11 @@ from typing import Any
 from hybrid_sysid_ros.extensions.commander.language.conditions import ConditionReader
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Lexicon, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.paraphrases import written_out
+from hybrid_sysid_ros.extensions.commander.language.parts import is_level
 from hybrid_sysid_ros.extensions.commander.language.quantities import Token
 from hybrid_sysid_ros.extensions.commander.language.stops import folded, stop_in
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
+from hybrid_sysid_ros.rigs.units import COUNT
 from hybrid_sysid_ros.support.errors import UserError
 
 SHAPES = {"step", "ramp", "swing", "square", "toggle", "triangle", "chirp", "stairs"}
@@ -38,6 +40,11 @@ def symbols(text: str, lexicon: Lexicon, vocabulary: Vocabulary) -> list[Symbol]
         raise UserError(f"{len(text)} characters: a command has {LONGEST} at most; for more, follow a file")
     said = written_out(text, lexicon)
     return _Reader(list(_tokens(said, vocabulary.rig.references)), lexicon, vocabulary).symbols()
+
+
+def _counts(quantity: Symbol) -> bool:
+    """Whether a quantity says how many times."""
+    return quantity.value[1] is not None and bool(quantity.value[1].base == COUNT)
 
 
 def _tokens(text: str, whole: Container[str]) -> Iterator[Token]:
@@ -130,10 +137,18 @@ class _Reader(ConditionReader):
             self.found.append(Symbol("G", token.text.strip("\"'"), token.text))
         elif token.kind == "unit":
             raise UserError(f"{token.text!r} has no number before it: write for example '3 {token.text}'")
+        elif self.counts_each():
+            self.phrase()
         elif (quantity := self.quantity()) is not None:
             self.found.append(quantity)
         else:
             self.phrase()
+
+    def counts_each(self) -> bool:
+        """Whether "a cycle" behind a value says that each takes so long: "ten seconds a cycle"."""
+        said = tuple(self.words[self.at : self.at + self.longest(self.lexicon.meanings)])
+        behind = bool(self.found) and self.found[-1].kind == "Q" and not _counts(self.found[-1])
+        return behind and any(kind == "e" for kind, _ in self.lexicon.meanings.get(said, ()))
 
     # Phrases.
 
@@ -162,7 +177,7 @@ class _Reader(ConditionReader):
             self.found.append(own[1])
         elif courtesy and courtesy >= count:
             self.at += courtesy
-        elif count == 1 and self._article():
+        elif (count == 1 and self._article()) or self._each_of(count):
             self.at += 1
         elif count:
             self.mean(self.lexicon.meanings[tuple(words[:count])], " ".join(words[:count]))
@@ -215,7 +230,8 @@ class _Reader(ConditionReader):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind not in "hn!"]
         before = self.found[: -len(meanings)]
-        if ("V", "step") in meanings and re.search("(?:^|[^TFQ])Q$", "".join(each.kind for each in before)):
+        kinds = "".join(each.kind for each in before)
+        if ("V", "step") in meanings and re.search("(?:^|[^TFQ])Q$", kinds) and is_level(before[-1]):
             self.found = [*before[:-1], self.found[-1], Symbol("Y", "by", ""), before[-1]]  # "a 2 V step"
         for noun in [value for kind, value in meanings if kind == "h"]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
@@ -246,6 +262,11 @@ class _Reader(ConditionReader):
         return self.at + 1 >= len(self.tokens) or not (
             self._number_follows() or self.tokens[self.at + 1].kind == "sign"
         )
+
+    def _each_of(self, count: int) -> bool:
+        """Whether "a zigzag" does not stand behind what each one takes, so that its article says nothing."""
+        said = self.lexicon.meanings.get(tuple(self.words[self.at : self.at + count]), ())
+        return any(kind == "e" for kind, _ in said) and self.word() in ("a", "um", "uma") and not self.counts_each()
 
     def _definite(self) -> bool:
         """Whether what a share is of is meant as it is: "half the speed", "a third of its height"."""
