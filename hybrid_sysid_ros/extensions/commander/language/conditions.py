@@ -24,6 +24,8 @@ class ConditionReader(QuantityReader):
             return False
         if self.up_to(begin):
             return True
+        if self.words[self.at + begin - 1] == "for" and (self._number_follows(begin) or self.word() == "for"):
+            return False  # "wait for 5 s"
         words = tuple(self.words[self.at : self.at + begin])
         start, when = " ".join(words), next((kind for kind in ("until", "if") if words in parts[kind]), "once")
         count, named, event = self._subject(begin)

@@ -214,12 +214,8 @@ class Meaning(Adjustments):
 
     def count(self) -> int:
         """How often. Raises UserError where that is not from 1 to MOST."""
-        count = self.take(lambda item: item.base == COUNT)
-        twice = [
-            share for share in self.clause.shares if share.factor in (2.0, 3.0) and not share.of and not share.role
-        ]
-        self.clause.shares = [share for share in self.clause.shares if share not in twice]
-        times = count.value if count is not None else twice[0].factor if twice else 1.0
+        count, twice = self.take(lambda item: item.base == COUNT), self.rounds()
+        times = count.value if count is not None else twice.value if twice is not None else 1.0
         if not (times.is_integer() and 1.0 <= times <= MOST):
             raise UserError(f"{self.verb} {times:g} times: give a whole number from 1 to {MOST}")
         return int(times)

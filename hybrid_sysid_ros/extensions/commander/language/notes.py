@@ -109,7 +109,7 @@ class Notes:
         (count, unit), every = found.quantities
         own = [each for k in self.vocabulary.tracked for each in self.vocabulary.units_of(k)]
         if every[1] is not None and every[1].base == COUNT and is_time(unit):  # "5 s at each, six times"
-            self.made.each = self.quantity(found.quantities[0], "for", found.text)
+            self._note_each(found)
             self.made.quantities.append(self.quantity(every, "", found.text))
             return
         if (

@@ -40,7 +40,7 @@ class SwingMeaning:
         values.clause.targets = [k for k in values.clause.targets if k != output]
         if values.clause.targets:
             raise UserError(f"{self.verb} moves one output: leave out all but one")
-        count = values.take(lambda item: item.base == COUNT)
+        count = values.take(lambda item: item.base == COUNT) or values.rounds()
         seconds = values.seconds("for", "in", "")
         if count is not None and seconds is not None:
             raise UserError("a time and a count contradict one another: leave one out")
@@ -104,10 +104,15 @@ class SwingMeaning:
     def often(self) -> float:
         """The frequency of "5 times in 20 s" [Hz], 0 where that was not said; the time is left."""
         count = [item for item in self.values.left if item.base == COUNT]
+        single = [item for item in count if item.value == 1.0]
+        if another := len(count) == 2 and len(single) == 1:  # "one cycle in 4 s, three cycles"
+            count = single
         within = [item for item in self.values.left if item.base == TIME and item.role == "in"]
         if len(count) != 1 or len(within) != 1 or any(item.role == "every" or item.kind for item in self.values.left):
             return 0.0
         self.values.left.remove(count[0])
+        if another:
+            self.values.left.remove(within[0])
         return self.above_zero(count[0].value / self.values.time(within[0]))
 
     def bases(self, item: Quantity) -> set[str]:

@@ -18,6 +18,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 SHAPES = {"step", "ramp", "swing", "square", "toggle", "triangle", "chirp", "stairs"}
 """Verbs whose noun may be applied."""
+ENCLITICS = {"a", "o", "as", "os", "la", "lo", "las", "los", "me", "nos", "lhe"}
+"""Portuguese pronouns behind a dash, which name the rig: "sobe-a quatro" is not "sobe a quatro"."""
 LONGEST = 300  # characters of a sentence
 TOKEN = re.compile(
     r"""\s*(?:
@@ -58,7 +60,9 @@ def _tokens(text: str, whole: Container[str]) -> Iterator[Token]:
             raise UserError(f"{wrong!r} means nothing in a command: leave it out{sign}")
         position, kind = match.end(), str(match.lastgroup)
         if kind == "word" and match[kind] not in whole:
-            yield from (Token(kind, part) for part in re.split(r"[-_]", match[kind]))
+            first, *parts = re.split(r"[-_]", match[kind])
+            yield Token(kind, first)
+            yield from (Token(kind, part) for part in parts if folded(part) not in ENCLITICS)
         else:
             yield Token(kind, match[kind])
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity, Share
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, of_rig
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, named, of_rig
 from hybrid_sysid_ros.runtime.set_points import SetPointRange
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -44,6 +44,12 @@ class Values:
         for item in found:
             self.left.remove(item)
         return found[0] if found else None
+
+    def rounds(self) -> Quantity | None:
+        """The two of "twice" or three of "three times", which are taken; None where neither was said."""
+        said = [share for share in self.clause.shares if share.factor in (2.0, 3.0) and not share.of and not share.role]
+        self.clause.shares = [share for share in self.clause.shares if share not in said]
+        return Quantity(value=said[0].factor, unit=named("times"), role="", text=said[0].text) if said else None
 
     def one(self, role: str) -> Quantity | None:
         return self.take(lambda item: item.role == role)
