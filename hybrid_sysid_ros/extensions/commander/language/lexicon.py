@@ -21,7 +21,8 @@ VERBS = (
 )  # fmt: skip
 ROLES = {
     "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "over": "I",
-    "within": "L", "after": "D", "later": "E", "every": "e", "per_cycle": "e", "and": "j", "plus_minus": "p", "of": "o", "object": "J",
+    "within": "L", "after": "D", "later": "E", "every": "e", "per_cycle": "e", "and": "j", "plus_minus": "p", "of": "o",
+    "object": "J",
     "here": "H", "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X",
     "highest": "x", "lowest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d",
     "as_fast": "g", "as_slow": "g", "former": "P", "no_faster": "<", "all": "l", "increment": "s", "together": "t",

@@ -176,8 +176,8 @@ class Notes:
         if self.made.quantities and self.made.quantities[-1].role == "to":
             said = f"{self.made.quantities[-1].text} {found.text}"
             raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by', and leave out {found.text!r}")
-        said = next(symbol for symbol in found.part if symbol.kind in "U+")
-        self.made.directions = [*(each for each in self.made.directions if each.kind == "U"), said]
+        way = next(symbol for symbol in found.part if symbol.kind in "U+")
+        self.made.directions = [*(each for each in self.made.directions if each.kind == "U"), way]
 
     def _note_more(self, found: FilledSlot) -> None:
         """Up, but beside a direction, as in "further down", it says that one again."""

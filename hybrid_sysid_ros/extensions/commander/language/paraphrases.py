@@ -103,9 +103,7 @@ PHRASES = (
     (re.compile(rf"\b(?:knock|shave|take|trim|cut|get|scrub|bring|lose|drop)\s+{AMOUNT}off\b", re.I), r"reduce by \1"),
     (re.compile(rf"\b(?:put|stick|tack|pile|pack)\s+on\s+{AMOUNT}", re.I), r"increase by \1"),
     (
-        re.compile(
-            rf"\b(?:put|stick|tack|pile|pack)\s+{AMOUNT}on\b(?=\s*(?:$|[,;.!]|(?:to|in|over|within)\b))", re.I
-        ),
+        re.compile(rf"\b(?:put|stick|tack|pile|pack)\s+{AMOUNT}on\b(?=\s*(?:$|[,;.!]|(?:to|in|over|within)\b))", re.I),
         r"increase by \1",
     ),
     (re.compile(r"\bback\s+(it|her|the\s+\w+)\s+off\b", re.I), r"back off \1"),

@@ -25,7 +25,7 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
     listed = re.search("Qe(?!Q)|eR", "".join(symbol.kind for symbol in found)) is not None
     for k, symbol in enumerate(found):
         following = found[k + 1].kind if k + 1 < len(found) else ""
-        before = "".join(each.kind for each in made[-1])
+        before, swung = "".join(each.kind for each in made[-1]), bool(SWUNG & {each.value for each in made[-1]})
         if symbol.kind == "," and re.fullmatch("[KOJ]+", before) and following in ("V", "y"):
             continue  # a name before a verb
         acts = following in tuple("VyUw") or (following == "J" and found[k + 1].text.endswith("ing"))
@@ -64,8 +64,7 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         elif _waits(made[-1], symbol, found[k + 1 : k + 3]):
             made.append([symbol])
         elif symbol.kind == ";" or (
-            symbol.kind in "j,"
-            and _begins(before, following, found[k + 1 :], listed, swung=bool(SWUNG & {each.value for each in made[-1]}))
+            symbol.kind in "j," and _begins(before, following, found[k + 1 :], listed, swung=swung)
         ):
             made.append([symbol] if symbol.value in ORDERS else [])
         elif symbol.kind != "," or _parts_noun(made[-1], found[k + 1 :]):
@@ -87,7 +86,7 @@ def _in_order(parts: list[list[Symbol]]) -> list[list[Symbol]]:
         if k > 1 or len(late) > 1:
             raise UserError("which part comes first? say them one after the other, joined by 'then'")
         parts[k] = parts[k][1:]
-        parts[:k + 1] = [parts[k], *parts[:k]]  # "go home after climbing 100 m"
+        parts[: k + 1] = [parts[k], *parts[:k]]  # "go home after climbing 100 m"
     return [
         [Symbol(";", "then", part[0].text), *part[1:]] if part[0].kind == ";" and part[0].value == "before" else part
         for part in parts if [symbol.kind for symbol in part] != [";"]
@@ -100,9 +99,11 @@ def _leads(part: Sequence[Symbol]) -> bool:
 
 
 def _parts_noun(before: Sequence[Symbol], rest: Sequence[Symbol]) -> bool:
-    """Whether a comma says to which of two values a noun of a swing belongs: "20 s, period 4 s", "4 s period, 20 s"."""
+    """Whether a comma says to which of two values a swing's noun belongs: "20 s, period 4 s", "4 s period, 20 s"."""
     left, right = "".join(each.kind for each in before[-2:]), "".join(each.kind for each in rest[:2])
-    return bool(re.search("Q[akfq]$", left) and right[:1] == "Q") or bool(left[-1:] == "Q" and right[:1] in tuple("akfq"))
+    if re.search("Q[akfq]$", left):
+        return right[:1] == "Q"
+    return left[-1:] == "Q" and right[:1] in tuple("akfq")
 
 
 def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *, swung: bool) -> bool:
@@ -135,7 +136,9 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
         return any(letter in "VUOKTMu" for letter in before)
     if re.search("B(?:[KO]o?)?Q$", before):
         return False  # "between 4 and 6 rad/s, 5 s each"
-    if not swung and re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T"):  # "1 m for 5 s, 2 m for 5 s"
+    if (
+        not swung and re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T")
+    ):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind in "VUw" or is_level(symbol) for symbol in rest[1:])
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-_LETTERS: Sequence[tuple[str, str]] = (  # of lexicon.ROLES and NOUNS; Q: any quantity, 1: a time, 2: a frequency, 9: none of these; O: an output by name
+_LETTERS: Sequence[
+    tuple[str, str]
+] = (  # of lexicon.ROLES and NOUNS; Q: any quantity, 1: a time, 2: a frequency, 9: none of these; O: an output by name
     ("to_name", "[TW]?K?GK?"),
     ("from_here", "F(?:H|J?N[KO]?)"),
     ("former", "[TWo]?(?:J?[KO]P|P[KO]?)"),

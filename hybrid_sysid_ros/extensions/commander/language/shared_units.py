@@ -49,7 +49,12 @@ def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
     for clause, said in zip(clauses, spoken, strict=True):
         last = said[-1].unit if said else last
         time = _with_times(clause, time)
-        if several and clause.verbs and [verb.text for verb in clause.verbs] != verbs and not (clause.targets or clause.directions or said):
+        if (
+            several
+            and clause.verbs
+            and [verb.text for verb in clause.verbs] != verbs
+            and not (clause.targets or clause.directions or said)
+        ):
             last = None  # "turn 60 degrees, then drive at 0.2"
         verbs = [verb.text for verb in clause.verbs]
         rates = [unit for item in clause.quantities for unit in _of_rate(item, vocabulary)]
