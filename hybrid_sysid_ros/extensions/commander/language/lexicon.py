@@ -76,6 +76,7 @@ class Lexicon:
         self._enter(found, "over_to", (("V", "go"), ("T", "to")))
         self._enter(found, "slow_to", (("V", "go"), ("U", -1.0), ("T", "to")))
         self._enter(found, "while_holding", ((";", "while"), ("V", "hold")))
+        self._enter(found, "each_for", (("e", "every"), ("R", "for")))
         for category in ("while", "before"):
             self._enter(found, category, ((";", category),))
         self._enter(found, "step_through", (("V", "step"), ("T", "to")))

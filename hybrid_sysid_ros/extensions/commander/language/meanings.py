@@ -224,7 +224,8 @@ class Meaning(Adjustments):
         """All outputs; of some of them, or with a rate, it is a move to 0."""
         moving = [k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves]
         targets = [] if set(moving) <= set(self.clause.targets) else self.clause.targets
-        if targets or any(any(map(item.unit.alike, self.rates)) for item in self.left if item.unit):
+        rated = any(any(map(item.unit.alike, self.rates)) for item in self.left if item.unit)
+        if targets or rated or self.clause.directions:
             zero = Quantity(value=0.0, unit=None, role="to", text="0")
             self.left += [replace(zero, output=k) for k in targets or moving]
             return self.move("smooth")
@@ -277,6 +278,8 @@ class Meaning(Adjustments):
             raise UserError(
                 f"hold {described(times[0])} is a time: say 'hold for {described(times[0])}', or where to hold"
             )
+        if clause.verbs[0].text == "leave" and any(item.role == "" for item in self.left):
+            raise UserError(f"{self.left[0].text!r}: stay there, or away from it? say 'hold' it, or where to go")
         clause.here = ""
         return replace(self.move("smooth"), hold=seconds or 0.0)
 

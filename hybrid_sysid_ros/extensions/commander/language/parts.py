@@ -140,7 +140,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
         not swung and re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T")
     ):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
-    return following in ("Z", "z", "D") and any(symbol.kind in "VUw" or is_level(symbol) for symbol in rest[1:])
+    return following in ("Z", "z", "D") and any(symbol.kind in "VUw" or _is_value(symbol) for symbol in rest[1:])
 
 
 def _is_count(symbol: Symbol) -> bool:
@@ -167,6 +167,11 @@ def is_level(symbol: Symbol | None) -> bool:
     """Whether a quantity is neither a time nor a frequency, a count or a share."""
     unit = symbol.value[1] if symbol and symbol.kind == "Q" else None
     return unit is not None and unit.base not in (TIME, FREQUENCY, COUNT, PERCENT)
+
+
+def _is_value(symbol: Symbol) -> bool:
+    """Whether a quantity may be one of an output: it has such a unit, or none."""
+    return is_level(symbol) or (symbol.kind == "Q" and symbol.value[1] is None)
 
 
 def _waits(part: Sequence[Symbol], verb: Symbol, rest: Sequence[Symbol]) -> bool:

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.extensions.commander.language.swings import SIZES
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import TIME, Unit
 
-LEADING = SWUNG | {"go", "step", "ramp", "back"}
+LEADING = SWUNG | {"go", "step", "ramp", "back", "follow"}
 """Verbs beside which a bare number is a value: "a sine about 8 m, 2 either way"."""
 LEVELS = ("to", "by", "from", "around", "plus_minus", "between", "range", "span")
 """Roles of values that are no times and no rates."""
@@ -70,6 +70,8 @@ def share_units(clauses: Sequence[Clause], vocabulary: Vocabulary) -> None:
 
 def _with_times(clause: Clause, time: Unit | None) -> Unit | None:
     """The last unit of time that was said, which times without one have: "for 8 s, ... for another 8"."""
+    if clause.delay is not None and clause.delay.base == TIME:
+        time = clause.delay.unit
     for k, item in enumerate(clause.quantities):
         waits = item.role == "" and {verb.value for verb in clause.verbs} == {"wait"}
         if item.unit is None and item.value and time is not None and (item.role in ("for", "within") or waits):
