@@ -113,8 +113,9 @@ class Vocabulary:
                 if not isinstance(others, list) or not all(isinstance(each, str) and each.isalpha() for each in others):
                     raise UserError(f"{here}.{name} is {others!r}: it needs a list of single words")
                 for word in map(folded, others):
-                    known = lexicon(language).meanings.get((word,), (("!", ""),))
-                    if any(kind != "!" for kind, _ in known):
+                    spoken = lexicon(language)
+                    known, side = (spoken.meanings.get((each,)) for each in (word, spoken.table["side"]))
+                    if known and not (known == side and name[0] in "+-"):
                         raise UserError(f"{here}.{name}: {word!r} means something in all commands: take another word")
                     found[language][word] = name
         return found

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hybrid_sysid_ros.extensions.commander.language import grammar
-from hybrid_sysid_ros.extensions.commander.language.commands import Home
+from hybrid_sysid_ros.extensions.commander.language.commands import Home, Move
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, spoken_names
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
@@ -34,6 +34,18 @@ def test_a_condition_may_name_the_rig_or_what_moves(rig: str, text: str) -> None
 def test_names_of_one_rig_mean_nothing_at_another() -> None:
     with pytest.raises(UserError, match="unknown word 'viga'"):
         grammar.read("leve a viga para 10 rpm", Vocabulary.of(rigs.load("wheel_motor")))
+
+
+def test_left_is_where_the_right_wheel_drives_the_robot() -> None:
+    rig = rigs.load("balancing_robot")
+    vocabulary, system = Vocabulary.of(rig), rig.system
+    (command,) = grammar.read("turn left 30 degrees", vocabulary).commands
+    assert isinstance(command, Move)
+    (goal,) = command.goals
+    assert vocabulary.outputs[goal.output].name == "yaw"
+    *_, turned = system.law([0.0] * len(system.states), [0.0, 50.0])  # the right wheel
+    assert goal.relative
+    assert goal.value * float(turned) > 0.0
 
 
 @pytest.mark.parametrize(

@@ -187,4 +187,24 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (WHEEL, "repeat moves twice", [follow("moves"), follow("moves")]),
     (CONE, "descend and maintain 33500 m", [go(33500 - 33528, "height")]),
     (CONE, "climb 100 m and accelerate by 10 m/s together", [{"do": "smooth", "by": {"height": 100, "speed": 10}}]),
+    # Which comes first, and what happens at the same time.
+    (JOINT, "turn the link at 20 rpm for 5 s before going back to 0", [go(20, hold=5), go(0)]),
+    (BEAM, "before going to 2 V, wait 3 seconds", [wait(3), go(2)]),
+    (CONE, "after climbing 100 m accelerate by 10 m/s", [by(100, "height"), by(10, "speed")]),
+    (CONE, "accelerate by 10 m/s after climbing 100 m", [by(100, "height"), by(10, "speed")]),
+    (WHEEL, "slow down to 20 rpm before it reaches 3 rpm", Refused("nothing watches")),
+    (BEAM, "before 5 s go to 2 V", Refused("nothing watches")),
+    (BEAM, "does it go to 3 V", Refused("question")),
+    (BEAM, "leave 3 V", Refused("away from it")),
+    (BEAM, "go to - two volts", Refused("sign touches its number")),
+    # A noun of a swing belongs to the value on its side of the comma.
+    (WHEEL, "sine of 20 rpm, 5 s period, 30 s", [swing(-20, 20, 0.2, 30)]),
+    (WHEEL, "sine of 20 rpm, 30 s, period 5 s", [swing(-20, 20, 0.2, 30)]),
+    (WHEEL, "sine, 20 rpm amplitude, 0.5 Hz frequency, 20 s", [swing(-20, 20, 0.5, 20)]),
+    (WHEEL, "sine of 60 rpm, ten seconds a cycle, twice round", [swing(-60, 60, 0.1, 20)]),
+    # A pronoun behind a dash names the rig, and a unit goes on.
+    (BEAM, "desça dois volts; depois suba-a um volt", [by(-2), by(1)]),
+    (WHEEL, "go to 100 rpm for 8 s, then 50 rpm for another 8", [go(100, hold=8), go(50, hold=8)]),
+    (WHEEL, "two fifty rpm please", [go(250)]),
+    (BEAM, "apply a 2 V step and hold it for 8 s", [{"do": "step", "by": {"": 2.0}}, wait(8)]),
 ]
