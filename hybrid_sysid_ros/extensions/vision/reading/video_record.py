@@ -221,7 +221,7 @@ def _beside_the_axis(record: VideoRecord, found: Synchronisation, kind: MotionSo
         seen = math.degrees(math.acos(min(found.scale, 1.0 / found.scale)))
         yield (
             f"the sensor's angles are {found.scale:.4g} times the film's, as a view from {seen:.0f} degrees beside the "
-            f"axis makes them: the sensor's count; {MARKS}"
+            f"axis may make them, or a pivot that is off along the joint: the sensor's count; {MARKS}"
         )
     if kind is MotionSource.POSITION and found.bend > BENT:
         yield (
