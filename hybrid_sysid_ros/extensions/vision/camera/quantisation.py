@@ -55,5 +55,5 @@ def _parameters(frame: Any) -> Iterator[tuple[int, float]]:
         count = int(np.frombuffer(content, np.uint32, 1)[0])
         first, size = np.frombuffer(content, np.uint64, 2, offset=8).tolist()
         kind, parameter = np.frombuffer(content, np.int32, 2, offset=24).tolist()
-        blocks = np.frombuffer(content, np.int32, count * size // 4, offset=first).reshape(count, -1)
+        blocks = np.frombuffer(content, np.int32, count * size // 4, offset=first).reshape(count, size // 4)
         yield kind, parameter + (float(np.quantile(blocks[:, 4], COARSE)) if count else 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -178,17 +179,18 @@ def test_a_large_film_is_scaled_down_by_the_mean_of_its_pixels(tmp_path: Path) -
         ("libx264", {"qp": "28", "preset": "ultrafast"}, 16.0),  # at 4 it is 1, and it doubles by 6
         ("mpeg4", {"qmin": "6", "qmax": "6"}, 12.0),
         ("mjpeg", {}, 0.0),  # no picture hangs on another one
+        ("libvpx-vp9", {"cpu-used": "8", "deadline": "realtime"}, math.nan),  # its decoder names no blocks
     ],
 )
 def test_a_decoder_says_how_coarsely_pictures_are_rounded(
     codec: str, options: dict[str, str], step: float, tmp_path: Path
 ) -> None:
-    with av.open(str(tmp_path / "film.mov"), "w") as container:
+    with av.open(str(tmp_path / "film.mkv"), "w") as container:
         stream: Any = container.add_stream(codec, rate=30, options=options)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p" if codec == "mjpeg" else "yuv420p"
         for grain in np.random.default_rng(0).integers(0, 255, (5, 48, 64), dtype=np.uint8):
             container.mux(stream.encode(av.VideoFrame.from_ndarray(grain, format="gray")))
         container.mux(stream.encode())
-    steps = quantiser_steps(tmp_path / "film.mov")
+    steps = quantiser_steps(tmp_path / "film.mkv")
     assert len(steps) == 5
-    assert float(np.median(steps)) == pytest.approx(step, rel=0.3)
+    assert float(np.median(steps)) == pytest.approx(step, rel=0.3, nan_ok=True)
