@@ -202,9 +202,18 @@ def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, apart
     assert "tides.nowhere" in found.stderr
 
 
+def test_an_estimator_of_another_package_is_a_method(tmp_path: Path, here: Here) -> None:
+    given = "provides={'estimators': {'tidal': 'hybrid_sysid_ros.estimation:ExtendedKalmanFilter'}}"
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
+    status, printed, _ = here("parameters", "--rig", "wheel_motor")
+    assert status == 0
+    assert re.search(r"one of ekf, .*\btidal\b", printed)
+
+
 @pytest.mark.parametrize(
     ("declared", "why"),
     [
+        ("nodes: {tides: {high: {default: a, choices: moons, description: High.}}}", "choices is 'moons'"),
         (None, "cannot be read"),
         ("nodes: [", "nodes.yaml"),
         ("parameters: {}", "unknown key 'parameters'"),

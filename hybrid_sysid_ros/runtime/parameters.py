@@ -16,7 +16,7 @@ from typing import Any
 
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime.rig_values import FOLLOWS, RANGES
-from hybrid_sysid_ros.support import errors, extensions
+from hybrid_sysid_ros.support import errors, extensions, manifest
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapping, refuse_unknown, section
 
@@ -337,6 +337,10 @@ def _parameter(name: str, entry: Mapping[str, Any], where: str) -> NodeParameter
         raise UserError(f"{where}.follows is {follows!r}: choose one of {', '.join(FOLLOWS)}")
     if isinstance(limits, str) and limits not in RANGES:
         raise UserError(f"{where}.range is {limits!r}: give lowest and highest value, or one of {', '.join(RANGES)}")
+    if isinstance(kind := content.get("choices"), str):
+        if kind not in manifest.KINDS:
+            raise UserError(f"{where}.choices is {kind!r}: give a list, or a kind of what extensions provide")
+        content["choices"] = [*extensions.targets(kind)]
     if limits is not None and not isinstance(limits, str):
         content["low"], content["high"] = numbers(limits, f"{where}.range", count=2)
     return built(NodeParameter, content, where)
