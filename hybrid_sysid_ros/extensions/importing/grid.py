@@ -27,6 +27,7 @@ RARE = 1.5
 """Steps between an output's values, in those of the rows, from which it is slower."""
 SHORTEST, LONGEST = 1e-8, 9e9
 """Shortest sampling time and longest record [s]: bags count nanoseconds, in 64 bits."""
+HOUR = 3600.0
 MOST_SAMPLES_PER_STAMP = 20
 """Most samples per stamp: one stamp far away must not make a grid that fills the memory."""
 
@@ -87,10 +88,13 @@ def clean_stamps(seconds: Array, what: str) -> CleanStamps:
         k = int(np.argmax(steps < 0)) + 1
         first, peak = rows[k], np.maximum.accumulate(times)
         behind = int(np.diff(np.flatnonzero(np.append(times >= peak, True))).max()) - 1
-        if behind > SAMPLES_PER_PIECE or (back == 1 and times[-1] < times[k - 1]):
+        twice = _overlap(times, steps)
+        k, first = (twice, rows[twice]) if twice else (k, first)
+        if behind > SAMPLES_PER_PIECE or twice or (back == 1 and times[-1] < times[k - 1]):
+            hint = _summer(-steps[k - 1], float(np.median(np.abs(steps))))
             raise UserError(
-                f"{what}: the clock was set back by {-steps[k - 1]:.6g} s at row {first}, or another run begins there; "
-                "cut the file there, since nothing says how the two parts follow each other"
+                f"{what}: the clock was set back by {-steps[k - 1]:.6g} s at row {first}, or another run begins "
+                f"there{hint}; cut the file there, since nothing says how the two parts follow each other"
             )
         order = np.argsort(times, kind="stable")
         rows, times = rows[order], times[order]
@@ -116,6 +120,23 @@ def clean_stamps(seconds: Array, what: str) -> CleanStamps:
         )
         rows, times = rows[~doubled], times[~doubled]
     return CleanStamps(rows=rows, times=times, notes=notes)
+
+
+def _overlap(times: Array, steps: Array) -> int:
+    """The first row behind a step back whose span of time has about twice as many rows as it has samples, so that two
+    parts lie over each other; 0 where rows are merely out of order.
+    """
+    period = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else np.inf
+    for k in np.flatnonzero(steps < 0.0) + 1:
+        within = int(((times >= times[k]) & (times <= times[k - 1])).sum())
+        if within > 1.5 * ((times[k - 1] - times[k]) / period + 1.0):
+            return int(k)
+    return 0
+
+
+def _summer(jump: float, period: float) -> str:
+    """A guess at the cause of a jump by an hour."""
+    return " (an hour: is it summer time? write times in UTC)" if abs(jump - HOUR) <= 2.0 * period else ""
 
 
 def known_stamps(stamps: CleanStamps, values: Array, missing: float | None) -> CleanStamps:
@@ -211,7 +232,7 @@ def grid_of(stamps: CleanStamps, what: str, *, scored: float | None = None) -> S
         k = int(np.argmax(steps > GAP * period))
         notes.append(
             f"{what}: {counted(len(gaps), 'gap')}, up to {gaps.max():.4g} s, the first after row {stamps.rows[k]} "
-            f"({times[k]:.6g} s)"
+            f"({times[k]:.6g} s){_summer(float(steps[k]), period)}"
         )
     return SampleGrid(period=period, times=grid, measured=measured, even=even)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,6 +32,10 @@ _NUMBER = re.compile(r"[-+]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][-+]?\d+)?$")
 _APART = re.compile(r"\d\s+[-+]?\d")
 """Two numbers with blanks between them."""
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}((,\d{3})+\.|(\.\d{3})+,)\d+$")
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})*$")
+"""Either thousands or three decimals, as in 2,153."""
+FEWEST_GROUPED = 3
+"""Different numbers of that kind from which a column of them tells: a switch may have just 0 and 1.125."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +127,7 @@ def form_of(lines: Sequence[str], path: Path) -> TextForm:
         if delimiter == "," and (_is_decimal(rows, first) or _are_apart(rows[first])):
             continue  # columns apart by blanks, or a single one, with commas for decimal signs
         _check_signs(rows, first, path)
+        _check_thousands([_cells(line, delimiter, trailing) for line in lines[first:]], path)
         return _form(rows, first, delimiter, trailing)
     raise UserError(
         f"{path}: no row of numbers is found in its first {min(len(lines), MOST_LINES)} lines: is it a table?"
@@ -130,7 +136,7 @@ def form_of(lines: Sequence[str], path: Path) -> TextForm:
 
 def _form(rows: list[list[str]], first: int, delimiter: str, trailing: bool) -> TextForm:
     count, data = len(rows[first]), rows[first:]
-    comma = delimiter != "," and any("," in cell and not IS_MOMENT.match(cell) for row in data for cell in row)
+    comma = any("," in cell and not IS_MOMENT.match(cell) for row in data for cell in row)
     above = [row for row in rows[:first] if len(row) == count and sum(map(bool, row)) > 0.5 * count]
     units = [""] * count
     if len(above) > 1 and all(len(cell.strip("[]() ")) <= 12 for cell in above[-1]):
@@ -160,7 +166,7 @@ def _begins(rows: list[list[str]], k: int) -> bool:
 
 
 def _numeric(row: list[str]) -> bool:
-    numbers = sum(bool(_NUMBER.match(cell) or IS_MOMENT.match(cell)) for cell in row)
+    numbers = sum(bool(_NUMBER.match(cell) or IS_MOMENT.match(cell) or _THOUSANDS.match(cell)) for cell in row)
     return numbers > 0 and numbers + sum(cell in MISSING for cell in row) >= 0.5 * len(row) and not _words(row)
 
 
@@ -198,6 +204,31 @@ def _check_signs(rows: list[list[str]], first: int, path: Path) -> None:
         )
 
 
+def _check_thousands(rows: Sequence[Sequence[str]], path: Path) -> None:
+    """Raise UserError for signs that stand between thousands: all numbers of a column have three digits behind it, and
+    the file's decimal sign is another one, or, where none shows, plain integers stand in that column.
+    """
+    columns = [[cell for cell in column if _NUMBER.match(cell)] for column in zip(*rows, strict=False)]
+    decimal = {
+        sign for column in columns for cell in column if not _GROUPED.match(cell) for sign in ".," if sign in cell
+    }
+    for column in columns:
+        signed = [cell for cell in column if "." in cell or "," in cell]
+        grouped = [match for cell in signed if (match := _GROUPED.match(cell))]
+        beside = f"decimals with {''.join(decimal)}" if decimal else "plain integers"
+        if (
+            len({*signed}) < FEWEST_GROUPED
+            or len(grouped) < len(signed)
+            or grouped[0][1] in decimal
+            or not (decimal or len(signed) < len(column))
+        ):
+            continue
+        raise UserError(
+            f"{path}: {signed[0]} seems to have a sign between its thousands, since {beside} stand beside it; export "
+            "numbers without it"
+        )
+
+
 def _number(cell: str) -> float:
     """The number in a cell; NaN where there is none."""
     if (switch := SWITCHES.get(cell.strip(' "').lower())) is not None:
@@ -211,7 +242,7 @@ def _number(cell: str) -> float:
 def _cells(line: str, delimiter: str, trailing: bool) -> list[str]:
     """The cells of a line, without quotes. trailing: each line ends in a delimiter."""
     text = line.strip(" \r\n\ufeff") if delimiter else line.strip().lstrip("#%").strip()
-    cells = text.split(delimiter) if delimiter else text.split()
+    cells = next(csv.reader([text], delimiter=delimiter), [""]) if delimiter else text.split()
     if trailing and len(cells) > 1 and not cells[-1].strip():
         cells.pop()
     return [cell.strip().strip('"').strip() for cell in cells]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.extensions.importing.grid import clean_stamps, grid_of
+from hybrid_sysid_ros.support.errors import UserError
 
 PERIOD, ROWS = 0.01, 6000
 LOST = {
@@ -51,3 +52,17 @@ def test_uneven_logs_of_one_logger_are_sampled_alike(scored):
 def test_uneven_steps_that_are_no_part_of_the_scored_period_stay():
     stamps = clean_stamps(np.cumsum(PERIOD * np.random.default_rng(0).uniform(0.8, 1.2, 2000)), "t")
     assert grid_of(stamps, "t", scored=1.3 * PERIOD).period == grid_of(stamps, "t").period
+
+
+@pytest.mark.parametrize("back", [1.0, 4.5, 20.0, 20.5, 200.0])
+def test_a_clock_that_was_set_back_is_no_disorder(back):
+    times = PERIOD * np.arange(ROWS, dtype=np.float64)
+    times[ROWS // 2 :] -= back * PERIOD
+    with pytest.raises(UserError, match=f"set back.* at row {ROWS // 2}"):
+        clean_stamps(times, "t")
+
+
+@pytest.mark.parametrize("late", [1, 5, 15])
+def test_a_row_that_came_late_is_put_in_its_place(late):
+    order = np.insert(np.delete(np.arange(ROWS), 3000), 3000 + late, 3000)
+    np.testing.assert_array_equal(clean_stamps(PERIOD * order.astype(np.float64), "t").times, PERIOD * np.arange(ROWS))

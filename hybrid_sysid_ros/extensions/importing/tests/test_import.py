@@ -41,6 +41,15 @@ def test_names_units_delimiters_and_decimal_signs_are_found(imported, tmp_path, 
     assert_same(read(tmp_path), samples=400)
 
 
+def test_quoted_cells_may_have_commas_for_decimal_signs(imported, tmp_path):
+    """As spreadsheets write them where commas part the columns, too."""
+    numbers = zip(TIME, DRIVE, POSITION, strict=True)
+    rows = [",".join(f'"{value:.6f}"'.replace(".", ",") for value in row) for row in numbers]
+    (tmp_path / "log.csv").write_text("\n".join(['"time","drive","position"', *rows]))
+    status_of(imported(str(tmp_path / "log.csv")))
+    assert_same(read(tmp_path))
+
+
 @pytest.mark.parametrize(
     "header",
     ["time [s],drive [V],position [mrad]", "time [s],drive [mV],position [rad]", "time [ms],drive [V],position [rad]",
@@ -179,6 +188,9 @@ def test_files_that_are_no_tables_are_refused(imported, tmp_path):
         ("a.csv", b"hello\nworld\n", "no row of numbers"), ("a.xyz", b"1", "no known kind"),
         ("a.csv", b"t,u,y\n" + 9 * b"0,5,1,0,0,2\n", "6 values under 3 names"),
         ("a.csv", b"t;u;y\n" + 9 * b"0.5;1,000.25;0.2\n", "1,000.25 has a sign between its thousands"),
+        ("a.csv", b"t;u;y\n0;9;0.2\n1;1,098;0.25\n2;2,153;0.3\n3;1,250;0.4\n", "1,098 seems to have a sign between"),
+        ("a.csv", b"t;u;y\n0;998;1\n1;999;1\n2;1.000;1\n3;1.001;1\n4;1.002;1\n", "1.000 seems to have a sign between"),
+        ("a.csv", b't,u,y\n' + 9 * b'0.5,"1,000.25",0.2\n', "1,000.25 has a sign between its thousands"),
     ):  # fmt: skip
         (tmp_path / name).write_bytes(content)
         refused(imported(str(tmp_path / name)), words)
