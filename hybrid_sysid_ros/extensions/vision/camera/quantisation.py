@@ -23,8 +23,8 @@ def quantiser_steps(path: Path) -> Array:
     order of their times; NaN where it is not known, as of HEVC, and 0 where no picture hangs on another one, so that
     nothing of it is left in place. A film that can be read is given.
 
-    That of H.264 doubles by six of its parameter, from .625 at 0 on (ITU-T H.264, 8.5.8); that of MPEG-4 is twice its
-    code (ISO/IEC 14496-2, 7.4.4), which is what FFmpeg gives.
+    That of H.264 doubles by six of its parameter, from .625 at 0 on, in counts of its own depth (ITU-T H.264, 8.5.8);
+    that of MPEG-4 is twice its code (ISO/IEC 14496-2, 7.4.4), which is what FFmpeg gives.
     """
     with extra("video"):
         import av
@@ -40,7 +40,7 @@ def quantiser_steps(path: Path) -> Array:
 def _step(frame: Any) -> float:
     for kind, parameter in _parameters(frame):
         if kind == H264:
-            return float(0.625 * 2.0 ** (parameter / 6.0))
+            return float(0.625 * 2.0 ** (parameter / 6.0) / 2.0 ** (frame.format.components[0].bits - 8))
         if kind == MPEG:
             return parameter
     return np.nan

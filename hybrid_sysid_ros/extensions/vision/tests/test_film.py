@@ -174,22 +174,23 @@ def test_a_large_film_is_scaled_down_by_the_mean_of_its_pixels(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("codec", "options", "step"),
+    ("codec", "pixels", "options", "step"),
     [
-        ("libx264", {"qp": "28", "preset": "ultrafast"}, 16.0),  # at 4 it is 1, and it doubles by 6
-        ("mpeg4", {"qmin": "6", "qmax": "6"}, 12.0),
-        ("mjpeg", {}, 0.0),  # no picture hangs on another one
-        ("libvpx-vp9", {"cpu-used": "8", "deadline": "realtime"}, math.nan),  # its decoder names no blocks
+        ("libx264", "yuv420p", {"qp": "28", "preset": "ultrafast"}, 16.0),  # at 4 it is 1, and it doubles by 6
+        ("libx264", "yuv420p10le", {"qp": "40", "preset": "ultrafast"}, 16.0),  # from -12 on, of 1023 counts
+        ("mpeg4", "yuv420p", {"qmin": "6", "qmax": "6"}, 12.0),
+        ("mjpeg", "yuvj420p", {}, 0.0),  # no picture hangs on another one
+        ("libvpx-vp9", "yuv420p", {"cpu-used": "8", "deadline": "realtime"}, math.nan),  # its decoder names no blocks
     ],
 )
 def test_a_decoder_says_how_coarsely_pictures_are_rounded(
-    codec: str, options: dict[str, str], step: float, tmp_path: Path
+    codec: str, pixels: str, options: dict[str, str], step: float, tmp_path: Path
 ) -> None:
     with av.open(str(tmp_path / "film.mkv"), "w") as container:
         stream: Any = container.add_stream(codec, rate=30, options=options)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = 64, 48, pixels
         for grain in np.random.default_rng(0).integers(0, 255, (5, 48, 64), dtype=np.uint8):
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(grain, format="gray")))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grain, format="gray").reformat(format=pixels)))
         container.mux(stream.encode())
     steps = quantiser_steps(tmp_path / "film.mkv")
     assert len(steps) == 5
