@@ -62,9 +62,11 @@ class HorizonBands:
 
 
 def noted(system: System, experiments: Sequence[PreparedRecord], blocks: Sequence[LeftOut]) -> dict[str, Any] | None:
-    """What a model keeps for bands, as plain data; None where no block was left out, or all are too short."""
+    """What a model keeps for bands, as plain data; None where no block was left out, all are too short, or no state is
+    measured from which a prediction could begin.
+    """
     longest = min((item.samples.stop - item.samples.start for item in blocks), default=0) // 2
-    if longest < SHORTEST:
+    if longest < SHORTEST or _shows_nothing(system):
         return None
     ahead = default_horizons(min(LONGEST, longest))
     errors, centre = [], np.mean(np.concatenate([item.outputs for item in experiments]), axis=0)
@@ -90,11 +92,11 @@ def noted(system: System, experiments: Sequence[PreparedRecord], blocks: Sequenc
 
 
 def horizon_bands(model: Model, experiment: PreparedRecord) -> HorizonBands | None:
-    """Bands and errors over the horizon; None for a model without them: an older one, one of an unstable rig, or of a
-    structure that no record can be left out of. Raises UserError for a record that is shorter than the horizon.
+    """Bands and errors over the horizon; None for a model without them: an older one, a state space, one of an unstable
+    rig or of a structure that no record can be left out of. Raises UserError for a record that is shorter.
     """
     known = model.note(NOTE)
-    if not known:
+    if not known or _shows_nothing(model.system):
         return None
     ahead = np.array(known["ahead"], dtype=np.int64)
     ahead = ahead[ahead < experiment.samples // 2]
@@ -106,6 +108,11 @@ def horizon_bands(model: Model, experiment: PreparedRecord) -> HorizonBands | No
     halves = {float(level): growth * np.array(wide)[: len(ahead)] for level, wide in known["widths"].items()}
     seconds = np.asarray(model.sampling.period * ahead, dtype=float)
     return HorizonBands(name=experiment.name, seconds=seconds, errors=measured - simulated, halves=halves)
+
+
+def _shows_nothing(system: System) -> bool:
+    """Whether no record shows a state, as in a state space: its predictions would be free runs."""
+    return len(system.record_map().unobserved) == len(system.states)
 
 
 def _predictions(

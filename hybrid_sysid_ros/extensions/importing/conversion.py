@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isclose
 from pathlib import Path
@@ -27,6 +27,7 @@ from hybrid_sysid_ros.extensions.importing.grid import (
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, further, rig_factor, seconds_of
 from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
+from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped
 from hybrid_sysid_ros.library.arguments import given_sampling
 from hybrid_sysid_ros.models.plausibility import check_limits, check_travel
@@ -88,17 +89,21 @@ class _Conversion:
     """One file on its way to records."""
 
     def __init__(self, file: LogFile, mapping: ImportMapping, rig: Rig, columns: dict[str, Array]) -> None:
-        self.file, self.path, self.mapping, self.rig, self.columns = file, file.path, mapping, rig, columns
+        self.file, self.path, self.rig, self.columns = file, file.path, rig, columns
         self.notes: list[str] = []
+        signals: dict[str, Any] = {
+            kind: self.known(getattr(mapping, kind)) for kind in ("inputs", "outputs", "channels")
+        }
+        self.mapping = mapping = replace(mapping, **signals)
         self.stamps = dict[str, CleanStamps]()
         outputs = [mapping.outputs[item.name] for item in rig.system.outputs]
         times = [item.time or mapping.time.column for item in outputs]
         rows = [self.stamps_of(time, len(columns[item.column])) for time, item in zip(times, outputs, strict=True)]
-        known = {
+        measured = {
             item.column: known_stamps(own, columns[item.column], item.missing)
             for own, item in zip(rows, outputs, strict=True)
         }
-        stamps = sampling_stamps(known, rows[0], str(file.path))
+        stamps = sampling_stamps(measured, rows[0], str(file.path))
         self.notes += stamps.notes
         self.grid: SampleGrid = grid_of(stamps, self.what(times[0]), scored=given_sampling(None, rig).period)
         check_size(self.path, len(self.grid.times) * (len(mapping.signals) + 1))
@@ -206,6 +211,15 @@ class _Conversion:
             times = self.grid.times[0] + (times - self.grid.times[0]) / (1.0 + column.drift)
         found = rig_factor(self.rig, name, column) * found[known] + column.offset
         return times, self.whole(name, column, found) if column.unwrap else found
+
+    def known(self, signals: Mapping[str, SignalColumn]) -> dict[str, SignalColumn]:
+        """Signals with the number that stands for a missing value, which the file of the mapping may not have had."""
+        found = dict(signals)
+        for name, item in signals.items():
+            if item.missing is None and (missing := sentinel_of(self.columns[item.column])) is not None:
+                found[name] = replace(item, missing=missing)
+                self.notes.append(f"{self.path}: {missing:g} in {item.column} is taken for a missing value")
+        return found
 
     def whole(self, name: str, column: SignalColumn, angle: Array) -> Array:
         """An angle (rows,) without wraps. Raises UserError for a signal that is no angle."""

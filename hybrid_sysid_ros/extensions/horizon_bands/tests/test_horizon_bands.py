@@ -16,6 +16,7 @@ import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.mathematics import sin
+from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.extensions.horizon_bands.horizon_bands import NOTE, horizon_bands, noted
 from hybrid_sysid_ros.extensions.horizon_bands.live import LiveDeviations
 from hybrid_sysid_ros.identification import Part, identify, prepare
@@ -48,6 +49,18 @@ def test_the_width_is_the_error_that_a_left_out_gain_makes() -> None:
         np.testing.assert_allclose(wide / wide[-1], expected / expected[-1], rtol=1e-6)
         assert np.all(wide >= expected * (1.0 - 1e-9))
     assert noted(Integrator(), [experiment], []) is None
+
+
+def test_a_state_that_no_record_shows_begins_no_prediction() -> None:
+    """It would come from the free run, whose error is none of a prediction."""
+
+    class Hidden(Integrator):
+        def record_map(self) -> RecordMap:
+            return replace(super().record_map(), unobserved=[0])
+
+    experiment = prepare(level(), Hidden(), SAMPLING)
+    block = LeftOut(record=0, samples=slice(0, experiment.samples), system=Hidden())
+    assert noted(Hidden(), [experiment], [block]) is None
 
 
 def test_parts_whose_errors_differ_widen_bands() -> None:

@@ -116,6 +116,15 @@ def test_cells_without_a_number_are_missing_also_between_blanks(imported, tmp_pa
     assert list(np.flatnonzero(~read(tmp_path).measured)) == [50]
 
 
+def test_a_number_that_stands_for_missing_values_is_known_in_a_second_file_too(imported, tmp_path):
+    status_of(imported(table(tmp_path / "log.csv", "time,drive,position", TIME, DRIVE, POSITION)))
+    output = POSITION.copy()
+    output[[40, 90, 91, 200]] = -999.0
+    said = status_of(imported(table(tmp_path / "next.csv", "time,drive,position", TIME, DRIVE, output)))
+    assert "-999 in position is taken for a missing value" in said
+    assert list(np.flatnonzero(~read(tmp_path, "next").measured)) == [40, 90, 91, 200]
+
+
 def test_doubled_missing_and_disordered_rows_are_repaired_by_name(imported, tmp_path):
     rows = np.concatenate([np.arange(100), [99, 100, 102, 101], np.arange(103, 200), np.arange(203, 400)])
     output = POSITION.copy()
