@@ -58,9 +58,9 @@ def steady_angles(
     Where the pivot stands they are those about it. Where it moves with the camera they are those that no place of the
     sprite changes, and what stands must have shown how the camera rolls. The deviation has what the two kinds of angles
     differ by beyond their own deviations, and what the camera's motion is uncertain by. A codec moves what a picture
-    shows as a whole, which no residual tells: by what its quantiser leaves out, and where that is not known the
-    deviation is no less than what angles scatter by from picture to picture, where a joint's own unrest has a part,
-    too.
+    shows as a whole, which no residual tells: by what its quantiser leaves out. Where that is not known, or pictures
+    are twice as many as SLOWEST, the deviation is no less than what angles scatter by from picture to picture; of fewer
+    ones a joint's own unrest has a part in that.
 
     Raises UserError where the pivot moves and nothing tells how the camera does, and where the codec leaves too little.
     """
@@ -88,9 +88,12 @@ def steady_angles(
     repeated = held(angles, np.sqrt(own))
     left_out = LEFT_OUT * steps * [row.per_count for row in rows]
     _refuse_coarse(steps, left_out * layers.reach / pixel)
-    scattered = scatter(times, angles, layers.period, repeated) ** 2
-    coded = np.where(np.isfinite(left_out), own + left_out**2, scattered)
+    scattered = scatter(times, angles, layers.period, repeated)
+    coded = np.where(np.isfinite(left_out), own + left_out**2, scattered**2)
     deviations = np.sqrt(np.maximum(own, coded))
+    new = np.isfinite(deviations) & ~repeated
+    if new.any() and 2.0 * SLOWEST * float(np.median(np.diff(times))) < 1.0:
+        deviations *= max(scattered / float(np.median(deviations[new])), 1.0)
     return SteadyAngles(angles=angles, deviations=deviations, rows=chosen[:, 2])
 
 

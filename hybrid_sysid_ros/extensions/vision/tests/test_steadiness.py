@@ -68,6 +68,20 @@ def test_pictures_that_a_codec_repeats_at_rest_tell_nothing_of_the_scatter() -> 
     assert scatter(times, angles, repeated=repeated) == pytest.approx(NOISE, rel=0.15)
 
 
+@pytest.mark.parametrize("rate", [30.0, 60.0])
+def test_many_pictures_tell_that_a_codec_leaves_out_more_than_it_states(rate: float) -> None:
+    """Of thirty a second a joint's unrest may be what scatters; of sixty it is an error."""
+    layers, count = painted_layers(load("cam_beam"), Camera(width=240, height=136)), 600
+    angles = NOISE * np.random.default_rng(0).standard_normal(count)
+    rows = [
+        AngleReading(angle=angle, deviation=1e-5, row=60.0, difference=1.0, explained=1.0, per_count=1e-7)
+        for angle in angles.tolist()
+    ]
+    free = FreeReading(angle=np.nan, x=0.0, y=0.0, deviation=1e-5, beside=0.01, row=60.0)
+    stated = steady_angles(np.arange(count) / rate, rows, [free] * count, None, layers, np.full(count, 10.0)).deviations
+    assert float(np.median(stated)) == pytest.approx(NOISE if rate == 60.0 else 1e-5, rel=0.2)
+
+
 @pytest.mark.parametrize(
     ("step", "per_count", "words"),
     [(226.0, 1.2e-4, "compressed strongly"), (30.0, 1e-3, "edges are soft"), (14.0, 1e-4, ""), (np.nan, 1e-4, "")],
