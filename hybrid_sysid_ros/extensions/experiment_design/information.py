@@ -17,6 +17,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LEAST_KNOWN = 1e3
 """Sizes of a number within which it counts as known beforehand where nothing else is."""
+LONGEST = 0.3
+"""Most of half the length of a secant, in a number's size."""
 MOST = 300
 """Free numbers of a model whose experiments are designed: more are weights without a meaning."""
 
@@ -78,6 +80,10 @@ class Fisher:
     sizes: Array
     weight: Array
     """1 / (variance of an independent reading) of each output at the scored samples, (outputs,)."""
+    steps: Array | None = None
+    """Half of the lengths of secants in the parameters' units, (parameters,), for a law with corners; None: exact
+    derivatives.
+    """
     columns: Sequence[int] = ()
     """Those of the sensitivities that are numbers of the model; by default all."""
     begins: Array | None = None
@@ -89,12 +95,15 @@ class Fisher:
         places = {item.name: i for i, item in enumerate(model.system.parameters)}
         free = [places[name] for name in model.names if name in places]
         weights = [name.removeprefix("weight_") for name in model.names if name not in places]
+        known = np.sqrt(np.clip(np.diag(model.covariance)[: len(free)], 0.0, None))
+        most = LONGEST * sizes[: len(free)]
         return cls(
             sensitivities=Sensitivities(model.system, parameters=free),
             begins=begins_of(rig, model.sampling.period),
             sampling=model.sampling,
             sizes=sizes,
             weight=1.0 / noise_of(model, rig) ** 2,
+            steps=np.where(known > 0.0, np.minimum(known, most), most) if by_secants(model.system, rig) else None,
             columns=[*range(len(free)), *(len(free) + int(number) for number in weights)],
         )
 
@@ -153,7 +162,26 @@ class Fisher:
             self.sensitivities.rollouts(
                 system, starts, begin, inputs, step=self.sampling.step, every=self.sampling.every, out=out
             )
+        if self.steps is not None:
+            for column, (place, step) in enumerate(zip(self.sensitivities.parameters, self.steps, strict=True)):
+                out[:, :, column] = self._secant(system, place, float(step), inputs, begin)
         return out if np.isfinite(out).all() else np.zeros_like(out)
+
+    def _secant(self, system: System, place: int, step: float, inputs: Array, begin: Array) -> Array:
+        """Change of the outputs by a parameter, over a length within its bounds, (samples, outputs)."""
+        item, values = system.parameters[place], system.values
+        ends, found = np.clip([values[place] - step, values[place] + step], item.low, item.high), []
+        starts, _ = run_of(system, len(inputs) // self.sampling.every + 1)
+        for end in ends.tolist():
+            values[place] = end
+            with np.errstate(all="ignore"):
+                found.append(
+                    rollouts(
+                        system.with_values(values), starts, begin, inputs,
+                        step=self.sampling.step, every=self.sampling.every,
+                    )[1]
+                )  # fmt: skip
+        return np.asarray((found[1] - found[0]) / max(float(ends[1] - ends[0]), 1e-300))
 
 
 def begins_of(rig: Rig, period: float) -> Array:
@@ -169,6 +197,14 @@ def begins_of(rig: Rig, period: float) -> Array:
             if (rate := rig.system.kinematics.get(places[item.name])) is not None:
                 found[rate] = size / period
     return found
+
+
+def by_secants(system: System, rig: Rig) -> bool:
+    """Whether the information is that of secants over what is not known, as a fit's standard errors are: where a law
+    has corners of dry friction, at which a derivative misses what a fit finds. In a loop the inputs of a plan are those
+    of one model alone, and a search finds secants that no record bears out; derivatives for several models hold.
+    """
+    return not rig.experiments.loops and any(not contact.hidden for contact in system.contacts)
 
 
 def run_of(system: System, samples: int) -> tuple[NDArray[np.int64], Array]:
