@@ -17,6 +17,9 @@ which the scale is wrong whatever the correlation."""
 SHORTEST_LAG, SHARE = 2.4, 0.12
 """Delay from which it is a fault, in samples and in times of a change: the longer one."""
 
+LONGER, ABOVE_CHANCE = 4, 2.0
+"""Times of a change over which white noise hides less, and correlation in that by chance, from which it is none."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Alignment:
@@ -62,3 +65,14 @@ def best_alignment(measured: Array, expected: Array, good: NDArray[np.bool_], ap
     return Alignment(
         correlation=float(correlation[best]), lag=float(lag), scale=float(cross[best] / max(p[kept] @ p[kept], 1e-300))
     )
+
+
+def beyond_chance(measured: Array, expected: Array, good: NDArray[np.bool_], apart: int, longest: int) -> bool:
+    """Whether a signal (samples,) in strong noise follows what is expected: clearly over a longer time, or better than
+    the same run backwards, as which any signal is that has nothing to do with it.
+    """
+    long, near, back = (
+        abs(best_alignment(measured, other, good, span, longest).correlation)
+        for other, span in ((expected, LONGER * apart), (expected, apart), (expected[::-1], apart))
+    )
+    return long > CLEAR or near > ABOVE_CHANCE * back

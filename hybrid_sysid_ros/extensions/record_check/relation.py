@@ -17,6 +17,7 @@ import numpy as np
 from scipy.signal import correlate
 from scipy.stats import f, norm
 
+from hybrid_sysid_ros.extensions.shared.granger_causality import leads
 from hybrid_sysid_ros.support.arrays import Array
 
 SCALES, LAGS = (1, 4, 16, 64), 4
@@ -46,12 +47,33 @@ def answers(inputs: Array, output: Array, chance: float = ANSWER) -> bool:
     """Whether what is new in an output (samples,) correlates with what was new before in an input (samples, inputs),
     its square, or a product of two, at any lag up to half of the record, beyond chance and beyond what comes later.
     """
+    return any(
+        before.max() > max(least, CLEARLY * after.max())
+        for _, least, before, after in _correlations(inputs, output, chance)
+    )
+
+
+def is_early(inputs: Array, output: Array) -> bool:
+    """Whether an output (samples,) moves before an input (samples, inputs) does: its past foretells the input, or what
+    is new in it correlates with what comes later alone. The input of a feedback looks alike.
+    """
+    later = any(
+        after.max() > max(least, CLEARLY * before.max())
+        for _, least, before, after in _correlations(inputs, output, CHANCE**2)
+    )
+    return later or any(leads(output, values) for values in inputs.T)
+
+
+def _correlations(inputs: Array, output: Array, chance: float) -> Iterator[tuple[int, float, Array, Array]]:
+    """By time scale [samples] and cause, the correlation that chance reaches with so small a probability, those with
+    what was new in the cause before (lags of 0 on), and those with what comes later (the last one is the next sample).
+    """
     pairs = combinations_with_replacement(range(inputs.shape[1]), 2)
     causes = [*inputs.T, *(inputs[:, i] * inputs[:, k] for i, k in pairs)]
     for scale in SCALES:
         count = len(output) // scale
         if count - LAGS < FEWEST:
-            return False
+            return
         means = [values[: count * scale].reshape(count, scale).mean(axis=1) for values in (output, *causes)]
         y, *others = (_news(values) for values in means)
         longest = len(y) // 2
@@ -59,10 +81,7 @@ def answers(inputs: Array, output: Array, chance: float = ANSWER) -> bool:
         for cause in others:
             spread = np.maximum(correlate(y**2, cause**2, method="fft"), LEAST_SPREAD / len(y))
             at = np.abs(correlate(y, cause, method="fft")) / np.sqrt(spread)
-            before, after = at[len(y) - 1 : len(y) + longest].max(), at[len(y) - 1 - longest : len(y) - 1].max()
-            if before > max(least, CLEARLY * after):
-                return True
-    return False
+            yield scale, least, at[len(y) - 1 : len(y) + longest], at[len(y) - 1 - longest : len(y) - 1]
 
 
 def _news(values: Array) -> Array:

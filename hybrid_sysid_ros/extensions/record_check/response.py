@@ -18,6 +18,7 @@ from hybrid_sysid_ros.extensions.record_check.alignment import (
     SHORTEST_LAG,
     Alignment,
     best_alignment,
+    beyond_chance,
     changes,
     time_of_change,
 )
@@ -25,7 +26,7 @@ from hybrid_sysid_ros.extensions.record_check.changes import CERTAIN, LEFT, chan
 from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of
-from hybrid_sysid_ros.extensions.record_check.relation import answers
+from hybrid_sysid_ros.extensions.record_check.relation import answers, is_early
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, runs_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -129,9 +130,11 @@ def _judged(
             "it is a guess",
         )  # fmt: skip
         return
-    if follows < CLEAR and signal.explained:
+    if follows < CLEAR and signal.explained and not signal.rough:
         return
     answered = follows > CLEAR or _is_answered(record, signal.values)
+    if signal.rough and follows < CLEAR and (answered or beyond_chance(signal.values, expected, good, apart, longest)):
+        return  # noise or quantisation explains why it follows no better
     if answered and follows < (CLEAR if guessed else RELATED):
         yield RecordFinding(
             kind="another law", cost=0.3 if guessed else 0.7,
@@ -157,7 +160,7 @@ def _judged(
     if found.correlation < 0.0:
         yield _sign(signal, found)
         return
-    yield from _differences(signal, found, expected, apart, rig)
+    yield from _differences(signal, found, expected, record.input, apart, rig)
 
 
 def _sign(signal: CheckedSignal, found: Alignment) -> RecordFinding:
@@ -180,30 +183,32 @@ def _is_turned(record: Record, rig: Rig, k: int, expected: Array) -> bool:
 
 
 def _differences(
-    signal: CheckedSignal, found: Alignment, expected: Array, apart: int, rig: Rig
+    signal: CheckedSignal, found: Alignment, expected: Array, inputs: Array, apart: int, rig: Rig
 ) -> Iterator[RecordFinding]:
     """Delay, drift and scale of an output that clearly is the one of the physics."""
     late, guessed = found.lag * signal.period, is_guessed(rig)
     shortest = max(SHORTEST_LAG, SHARE * apart, rig.step / signal.period if guessed else 0.0)
-    if guessed and (late < 0.0 or not is_undone(signal.values, expected, later_by(expected, found.lag))):
+    early = late < 0.0 and is_early(inputs, signal.values)
+    if guessed and not early and (late < 0.0 or not is_undone(signal.values, expected, later_by(expected, found.lag))):
         shortest = np.inf  # a guess may be slower than the rig, or of too low an order
     if abs(found.lag) > shortest and found.correlation > 0.75:
         way = "later" if late > 0 else "earlier"
         shown = f"{1e3 * abs(late):.3g} ms" if abs(late) < 1.0 else f"{abs(late):.3g} s"
         yield RecordFinding(
             kind="delay", cost=min(0.79, 0.5 + 0.3 * abs(found.lag) / (10 * apart)),
-            words=f"{signal.name} answers {shown} {way} than the rig's physics say",
+            words=f"{signal.name} answers {shown} {way} than the rig's physics say"
+            + (", before the inputs move" if early else ""),
             cure=f"shift: {round(found.lag)} of its column in import.yaml; or give the rig that delay, if it is real"
             if late > 0
-            else f"shift: {round(-found.lag)} of the inputs' columns in import.yaml, if these are late; or the law is "
-            "slower than the rig: correct its numbers",
+            else f"shift: {round(-found.lag)} of the inputs' columns in import.yaml, if these are late; or "
+            + ("a loop makes the input" if early else "the law is slower than the rig: correct its numbers"),
         )  # fmt: skip
     apart_from, at = signal.values - expected, np.arange(len(expected))
     line = np.polyfit(at, apart_from, 1)
     alike = float(np.corrcoef(at, expected)[0, 1]) ** 2  # of a slow ramp a line says nothing: laws err along it
     rise = abs(float(line[0])) * len(expected)
     straight = np.var(np.polyval(line, at)) > STRAIGHT * np.var(apart_from)
-    if straight and rise > max(DRIFTS, alike) * float(np.ptp(expected)) and found.correlation > 0.7:
+    if straight and not guessed and rise > max(DRIFTS, alike) * float(np.ptp(expected)) and found.correlation > 0.7:
         yield RecordFinding(
             kind="sensor drift", cost=0.6,
             words=f"{signal.name} leaves what the rig's physics say by {signal.shown(rise)}, along a straight line",

@@ -59,6 +59,8 @@ class CheckedSignal:
     """Samples that a fault spoils, (samples,)."""
     explained: bool = False
     """Whether a fault of the signal itself was found, of which a poor response would be a consequence."""
+    rough: bool = False
+    """Whether that is noise or quantisation, which weaken a relation, but leave it above chance."""
 
     def __post_init__(self) -> None:
         self.spoilt = np.zeros(len(self.values), dtype=bool)
@@ -115,6 +117,7 @@ def sample_findings(signal: CheckedSignal, inputs: Sequence[Array] = ()) -> Iter
         found += _coarse(signal)
         found += () if found else _noise(signal)
     signal.explained = bool(found)
+    signal.rough = bool(found) and all(item.kind in ("noise", "quantisation") for item in found)
     yield from found
 
 
