@@ -32,6 +32,12 @@ RESPONSE = 0.3
 """Time constant [s] of the moments by which an actuator's response is judged."""
 REVERSED = 0.6
 """Correlation of commands and what acts, below minus which an actuator does the opposite."""
+MIRRORED = 0.05
+"""Time [s] for which an actuator has been near the opposite of its commands, and not near them, after which it is sent
+the opposite: correlations see the jump to there for long. Six samples of a stuck one may be near by chance, which what
+is sent does not move."""
+FAR_OFF = 3.0
+"""Tolerances by which it must be off them at first: one that is off by a little is near the opposite of its trim."""
 TURNED = 1.5
 """Evidence of an actuator that is sent the opposite, since it does the opposite: a stabilised loop goes on slowed."""
 TRIMMED = 0.3
@@ -74,8 +80,9 @@ class GuardedInput:
     """An input: its bounds, its fastest change [input unit/s], how far it may be from its commands, and what it is at
     rest. missed, asked: mean squares of what it was off its commands, and of these. sent, acted: means of its commands
     and of what acted. power, spread, common: the variance of the commands, the sum of both, and twice their covariance.
-    trim: what is added to commands. opposes: whether it is sent the opposite. turned_back: whether it was, and is not
-    any more, since there was evidence first. acts: what acted last, NaN where that is near its commands.
+    trim: what is added to commands. mirrored: for how long it has been near the opposite of its
+    commands [s]. opposes: whether it is sent the opposite. turned_back: whether it was, and is not any more, since
+    there was evidence first. acts: what acted last, NaN where that is near its commands.
     """
 
     low: float
@@ -91,6 +98,7 @@ class GuardedInput:
     spread: float = 0.0
     common: float = 0.0
     trim: float = 0.0
+    mirrored: float = 0.0
     opposes: bool = False
     turned_back: bool = False
     acts: float = math.nan
@@ -252,6 +260,9 @@ def _judge_actuators(guard: GuardMemory, applied: Floats, elapsed: float) -> Non
                 _turn_opposite(guard, j)
                 _trim(guard, j, applied[j], low, high, elapsed)
         tolerance = inputs[j].tolerance
+        near = abs(applied[j] + min(max(-applied[j], low), high)) <= tolerance
+        is_off = away > (1.0 if inputs[j].opposes else FAR_OFF) * tolerance
+        inputs[j].mirrored = inputs[j].mirrored + elapsed if is_off and near else 0.0
         inputs[j].acts = applied[j] if core.act and away > tolerance else math.nan
         inputs[j].missed += share * (away * away - inputs[j].missed)
         inputs[j].asked += share * (asked * asked - inputs[j].asked)
@@ -278,10 +289,14 @@ def _turn_opposite(guard: GuardMemory, j: int) -> None:
     """
     item, seconds, doubted = guard.inputs[j], guard.kinds[ACTUATOR].seconds, guard.kinds[ESTIMATE].seconds > 0.0
     item.turned_back = item.turned_back and seconds > 0.0
-    opposite = _is_opposite(item) and seconds >= guard.failsafe[0].slowed and not item.turned_back
+    opposite = (
+        (_is_opposite(item) or item.mirrored > MIRRORED)
+        and seconds >= guard.failsafe[0].slowed
+        and not item.turned_back
+    )
     if (item.opposes and doubted) or (opposite and not doubted):
         item.turned_back = item.opposes and not doubted
-        item.opposes, item.trim = not item.opposes, 0.0
+        item.opposes, item.trim, item.mirrored = not item.opposes, 0.0, 0.0
         _turn_past(guard, j)
 
 
