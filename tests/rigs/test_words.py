@@ -11,7 +11,10 @@ ROOT = Path(__file__).parents[2]
 RIGS = sorted(path.parent for path in (ROOT / "hybrid_sysid_ros" / "rigs").glob("[!_]*/system.py"))
 STUDIES = [path.name for path in (ROOT / "studies").iterdir() if (path / "__init__.py").is_file()]
 BAGS = [path.name for path in (ROOT / "bags").iterdir() if path.is_dir()]
-ANYBODYS = {"joint", "motor", "robot", "wheel", "string", "coulomb", "hysteretic", "public", *structure_names()}
+ANYBODYS = {
+    *("joint", "motor", "robot", "wheel", "string", "drill", "haste", "creeping", "bearing", "course"),
+    *("coulomb", "hysteretic", "public", *structure_names()),
+}
 """Words of rigs and studies that any may have."""
 
 OWN = {*RIGS, ROOT / "hybrid_sysid_ros" / "trained"}
@@ -60,7 +63,8 @@ def names() -> re.Pattern[str]:
         structures = re.search(r"^STRUCTURES.*?= *\{(.*?)\}", source, re.MULTILINE | re.DOTALL)
         words |= set(re.findall(r'"(\w+)":', structures[1])) if structures else set()
         spoken = read_mapping(path / "rig.yaml").get("names", {})
-        words |= {word for named in spoken.values() for others in named.values() for word in others}
+        named = [item for language in spoken.values() for item in language.items() if item[0][0] not in "+-"]
+        words |= {word for _, others in named for word in others}  # directions have words of anybody
     words = {word for word in words if word.lower() not in ANYBODYS}
     return re.compile(rf"(?<![A-Za-z])(?i:{'|'.join(sorted(words))})(?![A-Za-z])")
 

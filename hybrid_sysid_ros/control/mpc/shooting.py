@@ -38,7 +38,7 @@ for which nothing is prepared. REVIEW: the next preparation has a plan to simula
 """
 
 FURTHER = 3
-"""Most steps of a preparation where the plan did not cost what was predicted. With one, two loops of the lecture cost
+"""Most steps of a preparation where the plan did not cost what was predicted. With one, two loops of a study cost
 26 % more than converged ones, with two .08 % and with three .01 %.
 """
 

@@ -165,7 +165,7 @@ DASH = re.compile(r"([^\W\d_]+) +-+ +(?=[^\W\d_])")
 
 
 def _apart(match: re.Match[str], lexicon: Lexicon) -> str:
-    """A comma for a dash, but not behind a word that a number could follow: "go to - two volts"."""
+    """A comma for a dash, but not behind a word that a number could follow: "go to - two metres"."""
     kinds = {kind for kind, _ in lexicon.meanings.get((match[1].lower(),), ())}
     return match[0] if kinds - {"J", "K", "O", "C"} else f"{match[1]}, "
 

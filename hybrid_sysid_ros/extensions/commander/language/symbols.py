@@ -236,7 +236,7 @@ class _Reader(ConditionReader):
         before = self.found[: -len(meanings)]
         kinds = "".join(each.kind for each in before)
         if ("V", "step") in meanings and re.search("(?:^|[^TFQ])Q$", kinds) and is_level(before[-1]):
-            self.found = [*before[:-1], self.found[-1], Symbol("Y", "by", ""), before[-1]]  # "a 2 V step"
+            self.found = [*before[:-1], self.found[-1], Symbol("Y", "by", ""), before[-1]]  # "a 2 m step"
         for noun in [value for kind, value in meanings if kind == "h"]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
 
@@ -247,7 +247,7 @@ class _Reader(ConditionReader):
         return bool(said) and said[0][0] in "ILi" and self._number_follows(skip + count)
 
     def _applied(self, count: int) -> bool:
-        """Whether "apply" is of a motion, in the same part: "apply a step of 1 m", "apply a 2 V step"."""
+        """Whether "apply" is of a motion, in the same part: "apply a step of 1 m", "apply a 2 m step"."""
         if tuple(self.words[self.at : self.at + count]) not in self.lexicon.parts["applied"]:
             return False
         for k in range(self.at + count, len(self.tokens)):
