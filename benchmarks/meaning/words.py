@@ -44,6 +44,7 @@ RIGS = {
     "drill": "drill_string",
     "wheel": "wheel_motor",
     "cone": "winged_cone",
+    "robot": "balancing_robot",
 }
 WAY_IN = re.compile(
     r"\b(say|do you mean|did you mean|known are|give|take|leave|name|stay within|write|begin|join|commands ask"
@@ -245,10 +246,12 @@ def judged(chosen: Sequence[Example]) -> dict[str, Any]:
         counts["refusals with a way in"] += bool(refusal) and WAY_IN.search(refusal) is not None
         if refusal and not WAY_IN.search(refusal):
             dim.append(f"{example.rig} {example.text!r}: {refusal}")
-        if not hit and found != "no":
+        stopped = sensible and found in ("stop", "estop")  # nothing moves
+        counts["stops in place of a motion"] += stopped
+        if not hit and found != "no" and not stopped:
             wrong.append(f"{example.rig} {example.text!r}: {found}, not {' or '.join(right)}")
         elif not hit:
-            missed.append(f"{example.rig} {example.text!r}: {refusal}; not {' or '.join(right)}")
+            missed.append(f"{example.rig} {example.text!r}: {refusal or found}; not {' or '.join(right)}")
     return {**counts, "wrong": wrong, "missed": missed, "without a way in": dim}
 
 
@@ -282,7 +285,7 @@ def measured(*, count: int = 100_000, seed: int = 0) -> tuple[Mapping[str, Any],
         Row("random texts beyond the limits", 0, random["beyond"], at_most=True),
         Row("tracebacks of random texts", 0, random["tracebacks"], at_most=True),
     ]
-    for name in ("sentences", "kept_sentences", "strangers", "later_strangers"):
+    for name in ("sentences", "kept_sentences", "strangers", "later_strangers", "fresh_strangers"):
         found[name] = one = judged(examples(f"{name}.txt"))
         rows += [
             Row(f"{name}: moved otherwise than said", 0, len(one["wrong"]), at_most=True),

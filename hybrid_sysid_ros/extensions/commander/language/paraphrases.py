@@ -24,15 +24,7 @@ PHRASES = (
     (re.compile(r"\bpr([ao]s?)\b", re.I), lambda match: "para" if match[1].lower() == "a" else f"para {match[1]}"),
     (re.compile(r"\bt(á|ava)\b", re.I), r"est\1"),
     (re.compile(r",\s*like\s+(?=(?:\d|half|one|two|three|four|five|ten|twenty)\b)", re.I), ", "),
-    (
-        re.compile(rf"({SECONDS})\s+(?:dwell|pause|hold|rest|wait|stay)\s+(?=(?:on|at|for)\s+(?:each|every)\b)", re.I),
-        r"\1 ",
-    ),
     (re.compile(rf"\b{ABOUT}\s+(?=(?:[\d.,]+|(?:[^\W\d_]+[\s-]){{1,2}}?)\s*{SECONDS})", re.I), ""),
-    (
-        re.compile(rf"(?<![/\w])({SECONDS})\s+(?:or\s+(?:so|thereabouts)|more\s+or\s+less|mais\s+ou\s+menos)\b", re.I),
-        r"\1",
-    ),
     (
         re.compile(
             r"\b(?:paus|wait|hold|stay|rest|dwell|remain)(?:e|ing|s)?\s+(?:for\s+)?(?=[^,;]{1,24}\b(?:at|on|for)\s+(?:each|every)\b)",
@@ -64,7 +56,6 @@ PHRASES = (
         ),
         "the ",
     ),
-    (re.compile(r"\bone\s+(?=(?:each|every)\s+(?:second|minute|\d))", re.I), ""),
     (re.compile(r"\b(each|every)\s+(?=(?:second|minute)\b(?!\s+(?:step|one|time|level|value)))", re.I), r"\1 1 "),
     (
         re.compile(
@@ -75,20 +66,9 @@ PHRASES = (
     ),
     (
         re.compile(
-            r"\bwhile\s+(?=(?:climb|descend|ris|fall|rais|lower|increas|decreas|reduc|accelerat|decelerat|speed|slow|gain|los|mov|go)ing\b)",
-            re.I,
-        ),
-        "and at the same time ",
-    ),
-    (
-        re.compile(
             r"\b(lower|higher|faster|slower)\s+than\s+(?:(?:where\s+)?it\s+is(?:\s+now)?|(?:right\s+)?now)\b", re.I
         ),
         r"\1",
-    ),
-    (
-        re.compile(r"\benquanto\s+(?=(?:sob|desc|aceler|desaceler|aument|diminu|reduz|ganh|perd)\w+)", re.I),
-        "e ao mesmo tempo ",
     ),
     (
         re.compile(
@@ -99,21 +79,7 @@ PHRASES = (
         ),
         r"\1",
     ),
-    (re.compile(r"\b(mais\s+(?:alt|baix)[oa])\s+do\s+que\s+est[áa](?:\s+agora)?\b", re.I), r"\1"),
     (re.compile(rf"\b(?:knock|shave|take|trim|cut|get|scrub|bring|lose|drop)\s+{AMOUNT}off\b", re.I), r"reduce by \1"),
-    (re.compile(rf"\b(?:put|stick|tack|pile|pack)\s+on\s+{AMOUNT}", re.I), r"increase by \1"),
-    (
-        re.compile(rf"\b(?:put|stick|tack|pile|pack)\s+{AMOUNT}on\b(?=\s*(?:$|[,;.!]|(?:to|in|over|within)\b))", re.I),
-        r"increase by \1",
-    ),
-    (re.compile(r"\bback\s+(it|her|the\s+\w+)\s+off\b", re.I), r"back off \1"),
-    (
-        re.compile(
-            r"\bstart(?:ing)?\s+(?:at|from|with)\s+([\w.,/-]+(?:\s+(?!and\b)[^\W\d_]+(?:/s)?)?)(?:\s*,)?(?:\s+and)?(?:\s+then)?\s+(?:go|step|move|climb)(?:ing)?\s+(up|down)\b",
-            re.I,
-        ),
-        r"go \2 from \1",
-    ),
     (
         re.compile(
             r"^(?!.*\b(?:then|and)\b)([^,;]+?),?\s+(?:but\s+)?(?:(?:wait|paus|hold|stay)(?:e|ing)?\s+"
@@ -135,9 +101,6 @@ PHRASES = (
     (re.compile(r"(\d[\d.,]*\s*[^\W\d_]+/s(?:\^2)?)\s+(?:max|maximum)\b", re.I), r"at most \1"),
     (re.compile(r"\bde\s+(\S+)\s+em\s+\1\b", re.I), r"em degraus de \1"),
     (re.compile(r"\bmore\s+times\b|\btimes\s+more\b", re.I), "times"),
-    (re.compile(r"\b(twice|duas\s+vezes)\s+(?:more|mais)\b", re.I), r"\1"),
-    (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
-    (re.compile(r"(?<=\d)(?=[^\W\d_])(?![eE][+-]?\d)"), " "),
 )
 """What is written in several words, dots of somebody who thinks, and units that touch their number."""
 BAND = re.compile(r"(?<=\d)\s*-\s*(?=\d+(?:[.,]\d+)?\s*[km]?Hz\b)")

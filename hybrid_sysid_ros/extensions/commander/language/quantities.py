@@ -207,7 +207,11 @@ class QuantityReader:
         if (digits := self.digit_by_digit()) is not None:
             return digits
         hundreds, tens = (numbers.get(word, 0) for word in [*self.words[self.at : self.at + 2], ""][:2])
-        if 0 < hundreds < 10 <= tens < 100 and self.lexicon.name == "en":  # "one twenty"
+        timed = self.lexicon.units.get(tuple(self.words[self.at + 2 : self.at + 3])) in (
+            "s",
+            "min",
+        )  # "one ten second ramp"
+        if 0 < hundreds < 10 <= tens < 100 and not timed and self.lexicon.name == "en":  # "one twenty"
             self.at += 1
             return float(100 * hundreds) + self.spelled()
         total = group = 0.0

@@ -208,7 +208,8 @@ class _Reader(ConditionReader):
         knows; "gain" is one, but not in "gain 100 m".
         """
         articles = self.longest(self.lexicon.parts["articles"], skip=1)
-        skip = 1 + max(articles, self.lexicon.courtesy(self.words[self.at + 1 :]))
+        more = self.longest({words for words, other in self.lexicon.meanings.items() if other[:1] == (("+", 1.0),)}, 1)
+        skip = 1 + max(articles, more, self.lexicon.courtesy(self.words[self.at + 1 :]))
         gains = len(meanings) > 1 and self._number_follows(skip)
         if ("!" in [kind for kind, _ in meanings]) and self._applied(len(said.split())):
             return

@@ -207,4 +207,7 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (WHEEL, "go to 100 rpm for 8 s, then 50 rpm for another 8", [go(100, hold=8), go(50, hold=8)]),
     (WHEEL, "two fifty rpm please", [go(250)]),
     (BEAM, "apply a 2 V step and hold it for 8 s", [{"do": "step", "by": {"": 2.0}}, wait(8)]),
+    (BEAM, "a further 2 V", [by(2)]),
+    (BEAM, "wait a further 5 s", [wait(5)]),
+    (BEAM, "freeze at 2 V", [STOP]),
 ]
