@@ -10,14 +10,14 @@ import shutil
 import subprocess
 import tempfile
 import time
-import urllib.request
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from PIL import Image
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 PATIENCE = 30.0  # s
@@ -28,15 +28,10 @@ def found() -> str:
     return os.environ.get("BROWSER_PATH", "") or next((path for name in NAMES if (path := shutil.which(name))), "")
 
 
-class Browser:
-    """One tab, as a context."""
+class Chromium:
+    """A headless Chromium, as a context. Its tabs know nothing of each other."""
 
-    def __init__(
-        self, url: str, *, width: int = 1366, height: int = 700, dark: bool = False, touch: bool = False
-    ) -> None:
-        """width, height: of what is seen of the page. dark: what the page is told that its user prefers. touch: by
-        fingers, as on a phone or a tablet.
-        """
+    def __init__(self) -> None:
         self._opened = ExitStack()
         folder = tempfile.TemporaryDirectory(prefix="browser-", ignore_cleanup_errors=True)
         self._folder = Path(self._opened.enter_context(folder))
@@ -47,6 +42,7 @@ class Browser:
                 "--no-sandbox",
                 "--disable-gpu",
                 "--disable-dev-shm-usage",
+                "--disable-backgrounding-occluded-windows",
                 "--no-first-run",
                 "--hide-scrollbars",
                 "--remote-debugging-port=0",
@@ -57,7 +53,76 @@ class Browser:
             stderr=subprocess.DEVNULL,
         )
         self._opened.callback(self._end)
-        self._socket = self._opened.enter_context(connect(self._address(), max_size=1 << 26, open_timeout=PATIENCE))
+        self.port, path = self._address()
+        self._socket = self._opened.enter_context(_connected(f"ws://127.0.0.1:{self.port}{path}"))
+        self._number = 0
+
+    def __enter__(self) -> Chromium:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._opened.close()
+
+    @contextmanager
+    def tab(self) -> Iterator[str]:
+        """A new tab's address in the protocol."""
+        context = self._call("Target.createBrowserContext")["browserContextId"]
+        target = self._call("Target.createTarget", url="about:blank", browserContextId=context)["targetId"]
+        try:
+            yield f"ws://127.0.0.1:{self.port}/devtools/page/{target}"
+        finally:
+            self._call("Target.disposeBrowserContext", browserContextId=context)
+
+    def _call(self, method: str, **parameters: str) -> dict[str, Any]:
+        self._number += 1
+        self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
+        while (message := json.loads(self._socket.recv(timeout=PATIENCE))).get("id") != self._number:
+            pass  # events
+        return dict(message["result"])
+
+    def _end(self) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _address(self) -> tuple[int, str]:
+        """Port and path of the debugger, which it writes once it listens."""
+        end, file = time.monotonic() + PATIENCE, self._folder / "DevToolsActivePort"
+        while time.monotonic() < end:
+            if file.exists() and len(lines := file.read_text().split()) == 2:
+                return int(lines[0]), lines[1]
+            time.sleep(0.02)
+        raise TimeoutError(f"{found()} does not start")
+
+
+def _connected(address: str) -> ClientConnection:
+    return connect(address, max_size=1 << 26, open_timeout=PATIENCE)
+
+
+class Browser:
+    """One tab, as a context."""
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        width: int = 1366,
+        height: int = 700,
+        dark: bool = False,
+        touch: bool = False,
+        chromium: Chromium | None = None,
+    ) -> None:
+        """width, height: of what is seen of the page. dark: what the page is told that its user prefers. touch: by
+        fingers, as on a phone or a tablet. chromium: of which this is a tab; its own by default.
+        """
+        self._opened = ExitStack()
+        program = self._opened.enter_context(Chromium()) if chromium is None else chromium
+        self._socket = self._opened.enter_context(_connected(self._opened.enter_context(program.tab())))
         self._number = 0
         self.complaints: list[str] = []
         """Of the page: errors in its scripts, and what it was not let do."""
@@ -82,27 +147,6 @@ class Browser:
     def close(self) -> None:
         """Leave nothing behind."""
         self._opened.close()
-
-    def _end(self) -> None:
-        self._process.terminate()
-        try:
-            self._process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-    def _address(self) -> str:
-        """Of the tab's debugger."""
-        end, port = time.monotonic() + PATIENCE, self._folder / "DevToolsActivePort"
-        while time.monotonic() < end:
-            try:
-                number = port.read_text().split()[0]
-                with urllib.request.urlopen(f"http://127.0.0.1:{number}/json/list", timeout=1.0) as answer:
-                    tabs = json.load(answer)
-                return next(str(tab["webSocketDebuggerUrl"]) for tab in tabs if tab["type"] == "page")
-            except (OSError, IndexError, StopIteration):
-                time.sleep(0.05)
-        raise TimeoutError(f"{found()} does not start")
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """A method of the protocol; its result."""

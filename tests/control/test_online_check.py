@@ -49,8 +49,8 @@ class Calls(list[tuple[object, ...]]):
         self, monkeypatch: pytest.MonkeyPatch, cost: float, *, expected: float = 100.0, solvable: bool = True
     ) -> None:
         super().__init__()
-        answers = {"make_step": (expected, 100.0), "follow": (cost, 0.0), "improve": "about the state itself"}
-        for name in ("evaluate_program", "make_step", "follow", "apply_step", "assign", "improve"):
+        answers = {"make_step": (expected, 100.0, cost), "improve": "about the state itself"}
+        for name in ("evaluate_program", "make_step", "apply_step", "assign", "improve"):
             monkeypatch.setattr(shooting, name, self._noted(name, answers.get(name)))
         program = SimpleNamespace(solve=lambda *_: solvable, keep_working_set=self._noted("keep", None))
         monkeypatch.setattr(shooting, "quadratic", program)
@@ -63,9 +63,8 @@ class Calls(list[tuple[object, ...]]):
         return call
 
     def feedback(self):
-        parts = dict.fromkeys(("disturbance", "weights", "inputs", "simulated"))
-        horizon = SimpleNamespace(**parts, progress=[SimpleNamespace()])
-        return shooting.iterate(None, horizon, None, SimpleNamespace(disturbance=None), shooting.CHECK)
+        horizon = SimpleNamespace(disturbance=None, progress=[SimpleNamespace(foreseen=3)])
+        return shooting.iterate(None, horizon, None, SimpleNamespace(disturbance=None), shooting.FEEDBACK)
 
 
 @pytest.mark.parametrize("cost", [50.0, 100.0 + 100.0 * sequential.DOUBT])
@@ -84,7 +83,7 @@ def test_a_step_that_costs_more_is_taken_back_and_made_about_the_state_itself(mo
     assert [call for call in calls if call[0] in ("make_step", "apply_step", "improve")] == [
         ("make_step",),
         ("apply_step", -1.0),
-        ("improve",),
+        ("improve", False),
     ]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.mpc_speed import cases, loop
 from hybrid_sysid_ros.control import ExactMpc, Status
+from hybrid_sysid_ros.control.mpc.sequential import ASSURED
 from hybrid_sysid_ros.control.terms import StageTerm
 from hybrid_sysid_ros.core import simulate
 from tests.control.beam_problem import PROBLEM
@@ -28,26 +29,29 @@ def test_a_real_time_iteration_follows_the_optimum(rig):
     assert np.median(apart) < 0.001  # but for the moments when the beam turns round
 
 
-def test_an_answer_is_the_first_step_and_the_preparation_goes_on_where_it_did_not_cost_what_was_predicted(rig):
-    """At rest where it should be the beam is as predicted. Pushed it is not.
+def test_a_period_linearises_twice_only_where_a_prepared_step_did_not_cost_what_was_predicted(rig):
+    """At rest where it should be the beam is as predicted. Pushed it is not, and until it is again nothing is prepared.
 
-    Who linearised is seen by the derivatives that it leaves; a preparation for at once shifts nothing.
+    Who linearised is seen by the derivatives that it leaves.
     """
     controller = ExactMpc(rig.system, PROBLEM, real_time=True)
-    rest, u, horizon = np.array([0.03, 0.0]), np.array([rig.system.centre]), controller.shooting.horizon
-    for push in (0.0, 0.0, 0.0, 1.5):
-        x = rest + push * np.array([-0.05, 1.0])
-        before, cold = horizon.linear.A.copy(), controller.cold
+    rest, u, linear = np.array([0.03, 0.0]), np.array([rig.system.centre]), controller.shooting.horizon.linear
+    x, prepared, linearised, foreseen = rest, [False], [], controller.shooting.horizon.progress["foreseen"]
+    for k in range(60):
+        x = x + (k == 20) * np.array([-0.1, 1.5])
+        before = linear.A.copy()
         u = controller.control(x, np.zeros(1), u, np.full((10, 1), 0.03)).input
-        assert np.array_equal(horizon.linear.A, before) != cold, "an answer does not linearise"
-        answered = horizon.inputs.copy()
-        controller.prepare(0.0)
-        assert np.array_equal(horizon.inputs, answered) == (push == 0.0)
-        assert not np.array_equal(horizon.linear.A, before)
-        np.testing.assert_array_equal(horizon.inputs[0], u)
-        reached = simulate(rig.system, x, np.tile(u, (4, 1)), step=0.005)[-1]
-        if not cold:
-            np.testing.assert_allclose(horizon.states[1], reached, atol=1e-9)
+        linearised.append(not np.array_equal(linear.A, before))
+        before = linear.A.copy()
+        controller.prepare(PROBLEM.period)
+        prepared.append(not np.array_equal(linear.A, before))
+        assert prepared[-1] == (foreseen[0] >= ASSURED)
+        x = simulate(rig.system, x, np.tile(u, (4, 1)), step=0.005)[-1] if 20 <= k < 40 else rest
+    done = np.array(linearised, int) + np.array(prepared[:-1])
+    assert done.tolist() == [1] * 21 + [2] + [1] * 38, "and never less than once"
+    assert prepared[21], "at rest it was prepared"
+    assert not any(prepared[22:50])
+    assert all(prepared[51:]), "and is so again"
 
 
 @pytest.mark.parametrize("constant", [-1e3, 1e3])
@@ -59,10 +63,8 @@ def test_a_constant_in_the_cost_changes_neither_a_plan_nor_when_one_is_prepared(
         for k in range(80):
             preview = np.full((10, 1), 0.05 if (k // 40) % 2 else -0.05)
             u = mpc.control(x, np.zeros(1), u, preview).input
-            answered = mpc.shooting.horizon.inputs.copy()
-            mpc.prepare(0.0)
-            found.append((*u, np.array_equal(mpc.shooting.horizon.inputs, answered)))
             mpc.prepare(PROBLEM.period)
+            found.append((*u, *mpc.shooting.horizon.progress["foreseen"]))
             x = simulate(rig.system, x, np.tile(u, (4, 1)), step=0.005)[-1] + random.normal(size=2) * (0.0, 0.02)
         return np.array(found)
 

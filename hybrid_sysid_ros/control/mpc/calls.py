@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, keep_hard
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program, clear_working_set, factorise
+from hybrid_sysid_ros.control.mpc.sequential import ASSURED
 from hybrid_sysid_ros.control.mpc.shooting import (
     CONVERGE,
     FEEDBACK,
     IMPROVE,
-    REVIEW,
     answer,
     linearise_program,
     plan_within,
     restore_trajectory,
-    review,
     shift_trajectory,
 )
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -61,6 +60,7 @@ def forget_plan(mpc: MpcMemory) -> None:
     clear_working_set(mpc.program)
     call = mpc.call[0]
     call.cold, call.way = 1, CONVERGE
+    mpc.horizon.progress[0].foreseen = 0
 
 
 @inner
@@ -73,14 +73,13 @@ def solve_instance(mpc: MpcMemory, instance: Instance, iterations: int) -> None:
 def solve_within(mpc: MpcMemory, instance: Instance, iterations: int, anew: bool) -> None:
     """Steps of a call, at most ``iterations``. anew: False goes on with the last call."""
     call = mpc.call[0]
-    quick = anew and mpc.real_time != 0 and call.cold == 0 and call.way != REVIEW
-    way = call.way if quick else CONVERGE
+    way = call.way if anew and mpc.real_time != 0 and call.cold == 0 else CONVERGE
     cold, before = anew and call.cold != 0, 0 if anew else call.iterations
     call.way = CONVERGE
     found = answer(mpc.prediction, mpc.horizon, mpc.program, instance, iterations, mpc.tolerance, cold, way, anew)
     call.iterations, call.residual = before + found.iterations, found.residual
     if found.iterations > 0:
-        call.cold, call.way = 0, REVIEW if way == FEEDBACK else CONVERGE
+        call.cold = 0
         call.status = SOLVED if found.solved else NOT_CONVERGED if way == CONVERGE else ITERATED
     else:
         call.status = FAILED
@@ -108,17 +107,17 @@ def plan_rest(mpc: MpcMemory, instance: Instance) -> None:
 
 
 @inner
-def prepare_mpc(mpc: MpcMemory, instance: Instance, elapsed: float, ahead: bool) -> None:
-    """Shift the plan by the time until the next call [s], and in real time linearise there. instance: of the last call.
-    ahead: False leaves that to the call, which makes its step around the state that it is given.
+def prepare_mpc(mpc: MpcMemory, elapsed: float) -> None:
+    """Shift the plan by the time until the next call [s], and in real time linearise there.
+
+    Where the last steps did not cost what was predicted, the feedback phase of the next one would fail, too, and
+    linearise again: then that call makes its step at once, from the state that it is given.
     """
     call = mpc.call[0]
     if call.cold != 0:
         return
-    if call.way == REVIEW:
-        review(mpc.prediction, mpc.horizon, mpc.program, instance, mpc.tolerance)
     shift_trajectory(mpc.prediction, mpc.horizon, min(elapsed / mpc.interval, 1.0))
-    if mpc.real_time != 0 and ahead:
+    if mpc.real_time != 0 and mpc.horizon.progress[0].foreseen >= ASSURED:
         linearise_plan(mpc)
     elif mpc.real_time != 0:
         call.way = IMPROVE
@@ -190,9 +189,9 @@ def adopt_call(mpc: MpcMemory, disturbance: Array, inputs: Array, states: Array)
 
 
 @kernel
-def prepare_call(mpc: MpcMemory, instance: Instance, elapsed: float, ahead: bool) -> None:
+def prepare_call(mpc: MpcMemory, elapsed: float) -> None:
     """:func:`prepare_mpc` for Python."""
-    prepare_mpc(mpc, instance, elapsed, ahead)
+    prepare_mpc(mpc, elapsed)
 
 
 @kernel

@@ -201,15 +201,15 @@ PROGRESS = np.dtype(
     [
         ("steps", "i8"),
         ("changed", "i8"),
+        ("foreseen", "i8"),
         ("residual", "f8"),
-        ("expected", "f8"),
-        ("change", "f8"),
+        ("cost", "f8"),
         ("with_curvature", "?"),
     ]
 )
-"""Progress of a solution: steps made, how many constraints came into the last step's working set or left it, the
-residual before the last step, what a feedback phase's plan should cost and how much its stages change in cost, and
-whether curvature is used.
+"""Progress of a solution: steps made, how many constraints came into the last step's working set or left it, how many
+real-time steps in a row cost what was predicted, the residual before the last step, the cost of the newest real-time
+step, NaN where that was not simulated, and whether curvature is used.
 """
 
 

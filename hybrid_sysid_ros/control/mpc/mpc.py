@@ -149,7 +149,7 @@ class ExactMpc:
 
     def prepare(self, elapsed: float) -> None:
         """Shift the plan by the time until the next call [s], and in real time linearise there."""
-        prepare_call(self.compiled, self.instance, elapsed, True)
+        prepare_call(self.compiled, elapsed)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`.

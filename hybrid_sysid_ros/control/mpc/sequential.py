@@ -51,6 +51,9 @@ DOUBT = 0.05
 its linear model predicts. A share of the cost itself would depend on constants in it, which move no plan.
 """
 
+ASSURED = 10
+"""Steps in a row whose cost was predicted, after which a program is prepared for the next one."""
+
 LIFTED, UPHILL = 8, 2
 """Most steps that leave gaps, and number of them in a row that may lead to no lower cost."""
 
@@ -107,8 +110,12 @@ def solve(
 
 
 @inner
-def improve(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> SolverResult:
-    """Make one step of :func:`solve`, whose end is simulated only: without derivatives its residual is not known."""
+def improve(
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, judged: bool
+) -> SolverResult:
+    """Make one step of :func:`solve`, whose end is simulated only: without derivatives its residual is not known.
+    judged: find by :func:`foreseen` whether its cost was predicted.
+    """
     cost = _begin(prediction, horizon, instance, True)
     condense(horizon, program)
     evaluate_program(horizon, program, instance, False)
@@ -116,17 +123,31 @@ def improve(prediction: PredictionModel, horizon: Horizon, program: Program, ins
     if not _solve_program(horizon, program):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
+    expected = change = 0.0
+    if judged:
+        expected, change = expand(horizon, program, instance)
     search_along(prediction, horizon, program, instance, cost, True, False)
     horizon.progress[0].steps = 1
+    if judged:
+        found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
+        foreseen(horizon, expected, change, found)
     return SolverResult(False, 1, np.inf)
 
 
 @inner
-def as_expected(expected: float, change: float, found: float) -> bool:
-    """Whether a simulated plan costs what its linear model predicts.
-
-    J <= J_expected + DOUBT sum |change of a stage's cost|, but for rounding.
+def foreseen(horizon: Horizon, expected: float, change: float, found: float) -> bool:
+    """Whether a simulated plan costs what its linear model predicts, see :func:`_as_expected`. How often in a row that
+    was so is counted, and the cost kept.
     """
+    progress = horizon.progress[0]
+    progress.cost = found
+    progress.foreseen = progress.foreseen + 1 if _as_expected(expected, change, found) else 0
+    return progress.foreseen > 0  # type: ignore[no-any-return]
+
+
+@inner
+def _as_expected(expected: float, change: float, found: float) -> bool:
+    """J <= J_expected + DOUBT sum |change of a stage's cost|, but for rounding."""
     return found <= expected + DOUBT * change + RISE * abs(expected)
 
 
@@ -136,8 +157,9 @@ def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, an
     assign(horizon.states[0], instance.state)
     assign(horizon.disturbance, instance.disturbance)
     clamp_inputs(horizon, instance.previous, horizon.inputs, True)
+    progress = horizon.progress[0]
+    progress.cost = np.nan
     if anew:
-        progress = horizon.progress[0]
         progress.steps, progress.residual, progress.with_curvature, progress.changed = 0, 0.0, False, 0
     look_along(prediction, horizon, instance, True)
     return cost_of(horizon, instance)  # type: ignore[no-any-return]
@@ -162,14 +184,13 @@ def _lift(
         if not _solve_program(horizon, program):
             break
         quadratic.keep_working_set(program)
-        expected, change = make_step(prediction, horizon, program, instance)
-        found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
+        expected, change, found = make_step(prediction, horizon, program, instance)
         done += 1
         uphill = 0 if found <= cost else uphill + 1
         if uphill == 0:
             cost = found
             assign_rows(horizon.inputs, horizon.planned)
-            if as_expected(expected, change, found):
+            if _as_expected(expected, change, found):
                 break
         linearise(prediction, horizon, prediction.smoothing, False)
     assign_rows(horizon.planned, horizon.inputs)
@@ -180,13 +201,16 @@ def _lift(
 @inner
 def make_step(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance
-) -> tuple[float, float]:
-    """Make the whole step of a solution, in the states by their linear prediction; return what :func:`expand` does."""
+) -> tuple[float, float, float]:
+    """Make the whole step of a solution, in the states by their linear prediction; return what :func:`expand` does, and
+    the cost of the inputs when they are simulated.
+    """
     expected, change = expand(horizon, program, instance)
     apply_step(horizon, 1.0)
     if horizon.limits.hard.any():
         keep_hard(prediction, horizon, instance.previous, horizon.inputs)
-    return expected, change
+    found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
+    return expected, change, found
 
 
 @inner

@@ -29,7 +29,7 @@ from hybrid_sysid_ros.control.mpc.calls import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow, set_stage
-from hybrid_sysid_ros.control.mpc.shooting import CHECK, FEEDBACK, answer
+from hybrid_sysid_ros.control.mpc.shooting import FEEDBACK, answer
 from hybrid_sysid_ros.control.policy.kernels import inside, network_answer
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner
@@ -132,12 +132,13 @@ def accept_beside_step(own: SupervisorMemory, instance: Instance) -> bool:
     The next step is made around the state that is given then: so no period prepares a program beside its own step.
     """
     mpc, course = own.mpc, own.course[0]
+    mpc.horizon.progress[0].foreseen = 0
     course.unsolved, course.reason = 0, WAITING
     if mpc.call[0].status != ITERATED:  # a solution from a cold start, or none
         own.inputs[0, 0] = math.nan
         return False
     course.reason = simulate_policy(own, instance)
-    if course.reason == ACCEPTED and not _agrees(own, mpc.horizon.last.inputs, _cost_of_plan(mpc, instance)):
+    if course.reason == ACCEPTED and not _agrees(own, mpc.horizon.last.inputs, mpc.horizon.progress[0].cost):
         course.reason = IMPROVED
     if course.reason != ACCEPTED:
         course.waiting = own.patience
@@ -193,7 +194,7 @@ def prepare_supervised(own: SupervisorMemory, instance: Instance, elapsed: float
     if course.unsolved != 0:
         course.unsolved = 0
         solve(own.mpc, instance, needs)
-    prepare_mpc(own.mpc, instance, elapsed, own.steps == 0)
+    prepare_mpc(own.mpc, elapsed)
 
 
 @inner
@@ -302,20 +303,12 @@ def _stepped(own: SupervisorMemory, instance: Instance) -> int:
     assign(own.kept_disturbance, horizon.disturbance)
     linearise_plan(mpc)
     if mpc.call[0].way == FEEDBACK:
-        found = answer(mpc.prediction, horizon, mpc.program, instance, 1, mpc.tolerance, False, CHECK, True)
-        cost = _cost_of_plan(mpc, instance)
+        found = answer(mpc.prediction, horizon, mpc.program, instance, 1, mpc.tolerance, False, FEEDBACK, True)
+        cost, _ = follow(mpc.prediction, horizon.weights, instance, horizon.planned, horizon.simulated)
         near = found.iterations > 0 and _agrees(own, own.kept_inputs, cost)
     adopt_plan(mpc, own.kept_disturbance, own.kept_inputs, own.kept_states)
     own.course[0].unsolved = 1 if near else 0
     return ACCEPTED if near else IMPROVED
-
-
-@inner
-def _cost_of_plan(mpc: MpcMemory, instance: Instance) -> float:
-    """Cost of the exact MPC's plan, when it is simulated."""
-    horizon = mpc.horizon
-    cost, _ = follow(mpc.prediction, horizon.weights, instance, horizon.planned, horizon.simulated)
-    return cost  # type: ignore[no-any-return]
 
 
 @inner

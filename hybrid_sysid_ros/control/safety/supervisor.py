@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status
-from hybrid_sysid_ros.control.mpc.calls import prepare_call, solve_within
+from hybrid_sysid_ros.control.mpc.calls import solve_within
 from hybrid_sysid_ros.control.mpc.horizon import Instance, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import STATUSES, ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
@@ -161,7 +161,7 @@ class Supervisor:
         if course["unsolved"][0]:
             course["unsolved"] = 0
             self.mpc.within_time(self.instance, partial(self._call, SOLVE))
-        prepare_call(self.mpc.compiled, self.instance, elapsed, not self.compiled.steps)
+        self.mpc.prepare(elapsed)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""

@@ -220,7 +220,7 @@ def look_forward(loop: PrintedLoop, elapsed: float) -> None:
 def prepare(loop: PrintedLoop, elapsed: float) -> None:
     """Shift the plan, and in real time linearise there."""
     if loop.supervisor is None:
-        prepare_mpc(loop.mpc, loop.instance, elapsed, True)
+        prepare_mpc(loop.mpc, elapsed)
     else:
         prepare_supervised(loop.supervisor, loop.instance, elapsed, solve_instance, loop.mpc.iterations)
 

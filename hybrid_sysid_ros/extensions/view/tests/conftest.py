@@ -11,6 +11,7 @@ import pytest
 from hybrid_sysid_ros.rigs.rig import Rig
 
 if TYPE_CHECKING:
+    from benchmarks.browser import Chromium
     from hybrid_sysid_ros.extensions.view.tests.shown_rig import ShownRig
 
 
@@ -27,10 +28,19 @@ def shown_rig(rig: Rig) -> ShownRig:
     return ShownRig(rig)
 
 
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Chromium]:
+    """The browser, whose start takes as long as a page."""
+    from benchmarks.browser import Chromium
+
+    with Chromium() as program:
+        yield program
+
+
 @pytest.fixture
-def shown(shown_rig: ShownRig) -> Iterator[Callable[..., Any]]:
+def shown(shown_rig: ShownRig, chromium: Chromium) -> Iterator[Callable[..., Any]]:
     """Open the page of the rig; nothing is left behind, and the page had nothing to complain about."""
     from hybrid_sysid_ros.extensions.view.tests.shown_rig import opening
 
-    with opening(shown_rig) as show:
+    with opening(shown_rig, chromium) as show:
         yield show

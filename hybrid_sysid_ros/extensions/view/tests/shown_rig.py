@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.browser import Browser
+from benchmarks.browser import Browser, Chromium
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
 from hybrid_sysid_ros.extensions.view.requests import CURVE, POINTS, SERVICES, WEIGHTS, Request, RequestMenu
 from hybrid_sysid_ros.extensions.view.server import Server
@@ -97,7 +97,7 @@ class ShownRig:
 
 
 @contextmanager
-def opening(shown_rig: ShownRig) -> Iterator[Callable[..., Browser]]:
+def opening(shown_rig: ShownRig, chromium: Chromium) -> Iterator[Callable[..., Browser]]:
     """Serve a rig; what it yields opens the page, with options of the browser. Nothing is left behind, and the page had
     nothing to complain about.
     """
@@ -105,7 +105,7 @@ def opening(shown_rig: ShownRig) -> Iterator[Callable[..., Browser]]:
     server.start()
 
     def show(**options: Any) -> Browser:
-        opened.append(Browser(server.url, **options))
+        opened.append(Browser(server.url, chromium=chromium, **options))
         opened[-1].until("document.querySelectorAll('.chart canvas').length == 5 && +fps.textContent > 0")
         return opened[-1]
 

@@ -60,10 +60,10 @@ def size(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="module")
-def desk(rig: Rig, size: str) -> Iterator[tuple[ShownRig, browser.Browser]]:
+def desk(rig: Rig, size: str, chromium: browser.Chromium) -> Iterator[tuple[ShownRig, browser.Browser]]:
     """A rig with all that a controller can offer, and its page."""
     shown = ShownRig(rig, services=("stop", "estop", "hold", "enable", "reset", "arm", "disarm"))
-    with opening(shown) as show:
+    with opening(shown, chromium) as show:
         yield shown, show(**SIZES[size])
 
 
