@@ -15,6 +15,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.record_check.applied_input import levels_cut_off, of_held_input
 from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
+from hybrid_sysid_ros.extensions.record_check.plateau import plateau_findings
 from hybrid_sysid_ros.extensions.record_check.relation import wanders
 from hybrid_sysid_ros.extensions.record_check.response import response_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
@@ -41,6 +42,8 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     signals, found = signals_of(record, rig), list[RecordFinding]()
     for signal in signals:
         found += sample_findings(signal, list(record.input.T))
+        if signal.is_input or signal.rough or not signal.explained:
+            found += plateau_findings(signal, signals)
     if any(signal.is_input and signal.span > 0.0 for signal in signals):
         found = [replace(item, cost=STILL) if item.kind == "no excitation" else item for item in found]
     found += _whole(record, signals)

@@ -11,8 +11,9 @@ from scipy.signal import lfilter
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
+from hybrid_sysid_ros.extensions.record_check.plateau import plateau_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
-from hybrid_sysid_ros.extensions.record_check.tests.records import RIG, record
+from hybrid_sysid_ros.extensions.record_check.tests.records import RIG, STEPS, driven_lag, record
 from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped, wraps_of
 
@@ -120,3 +121,27 @@ def test_a_sensor_with_noise_that_repeats_itself_froze_and_a_resonance_rings():
     assert frozen.spoilt.sum() == 99
     ringing = 1.5 * np.exp(-k / 60.0) * np.sin(2.0 * np.pi * k / 11.0) + 0.005 * random.normal(size=len(k))
     assert list(sample_findings(CheckedSignal(name="y", unit="m", values=ringing, period=1e-4, is_input=False))) == []
+
+
+def test_an_input_and_a_coarse_output_that_froze_are_named_and_a_command_that_rests_is_not():
+    """The rig goes on by the true input; where that rested, the output settles."""
+    random = np.random.default_rng(0)
+    smooth = lfilter([0.1], [1.0, -0.9], random.normal(size=len(STEPS)))
+    stuck = slice(1010, 1600)
+
+    def kinds(u, y):
+        signal = partial(CheckedSignal, unit="1", period=0.1)
+        item = signal(name="u", values=u, is_input=True), signal(name="y", values=y, is_input=False, noise=1e-4)
+        return [[found.kind for found in plateau_findings(one, item)] for one in item]
+
+    for u in (STEPS, smooth):
+        held, y = u.copy(), driven_lag(u)
+        held[stuck] = held[stuck.start]
+        coarse = np.round(y / np.ptp(y) * 40.0)
+        frozen = coarse.copy()
+        frozen[stuck] = frozen[stuck.start]
+        assert kinds(u, y) == kinds(u, coarse) == kinds(held, driven_lag(held)) == [[], []]
+        assert kinds(held, y) == [["frozen"], []]
+        assert kinds(u, frozen) == [[], ["frozen"]]
+        held[stuck] = held[-1]
+        assert kinds(held, y) == [[], []]
