@@ -13,6 +13,7 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.record_check.applied_input import levels_cut_off, of_held_input
+from hybrid_sysid_ros.extensions.record_check.correction import scaled_outputs
 from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.plateau import plateau_findings
@@ -48,7 +49,8 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
         found = [replace(item, cost=STILL) if item.kind == "no excitation" else item for item in found]
     found += _whole(record, signals)
     found += _unrelated(record, signals)
-    if not any(item.cost >= SILENT for item in found):
+    found += (scaled := list(scaled_outputs(record, rig, [item for item in signals if not item.is_input])))
+    if not (scaled or any(item.cost >= SILENT for item in found)):
         expected, responses = expected_outputs(record, rig), list[RecordFinding]()
         if expected is not None:
             responses += levels_cut_off(record, rig, signals, expected)

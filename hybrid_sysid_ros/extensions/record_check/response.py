@@ -23,6 +23,7 @@ from hybrid_sysid_ros.extensions.record_check.alignment import (
     time_of_change,
 )
 from hybrid_sysid_ros.extensions.record_check.changes import CERTAIN, LEFT, changes_of, is_undone, later_by
+from hybrid_sysid_ros.extensions.record_check.correction import is_turned, scale_finding, straightness_of_offsets
 from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.hysteresis import hysteresis_of
@@ -77,7 +78,7 @@ def response_findings(
         if any(item.kind != "jump" for item in parts):
             continue
         found = best_alignment(signal.values, expected[:, k], ~signal.spoilt, apart, longest)
-        if found.correlation < CERTAIN and _is_turned(record, rig, k, expected[:, k]):
+        if found.correlation < CERTAIN and is_turned(record, rig, k, expected[:, k]):
             yield _sign(signal, found)
             continue
         judged = list(_judged(record, signal, found, expected[:, k], apart, longest, rig))
@@ -155,12 +156,12 @@ def _judged(
     if follows < (CERTAIN if guessed else CLEAR):
         scaled = found.correlation > CLEAR and not 0.72 < found.scale < 1.38
         if scaled and is_undone(signal.values, expected, found.scale * expected):
-            yield _scale(signal, found)
+            yield scale_finding(signal, found.scale)
         return
     if found.correlation < 0.0:
         yield _sign(signal, found)
         return
-    yield from _differences(signal, found, expected, record.input, apart, rig)
+    yield from _differences(signal, found, expected, record, apart, rig)
 
 
 def _sign(signal: CheckedSignal, found: Alignment) -> RecordFinding:
@@ -171,24 +172,13 @@ def _sign(signal: CheckedSignal, found: Alignment) -> RecordFinding:
     )  # fmt: skip
 
 
-def _is_turned(record: Record, rig: Rig, k: int, expected: Array) -> bool:
-    """Whether an output that is turned round follows the physics far better: where these integrate, a first rate of
-    the wrong sign alone makes another motion of it.
-    """
-    output = record.output.copy()
-    output[:, k] *= -1.0
-    turned = expected_outputs(replace(record, output=output), rig)
-    before, after = record.output[:, k] - expected, None if turned is None else output[:, k] - turned[:, k]
-    return after is not None and float(np.var(after)) < LEFT * float(np.var(before))
-
-
 def _differences(
-    signal: CheckedSignal, found: Alignment, expected: Array, inputs: Array, apart: int, rig: Rig
+    signal: CheckedSignal, found: Alignment, expected: Array, record: Record, apart: int, rig: Rig
 ) -> Iterator[RecordFinding]:
     """Delay, drift and scale of an output that clearly is the one of the physics."""
     late, guessed = found.lag * signal.period, is_guessed(rig)
     shortest = max(SHORTEST_LAG, SHARE * apart, rig.step / signal.period if guessed else 0.0)
-    early = late < 0.0 and is_early(inputs, signal.values)
+    early = late < 0.0 and is_early(record.input, signal.values)
     if guessed and not early and (late < 0.0 or not is_undone(signal.values, expected, later_by(expected, found.lag))):
         shortest = np.inf  # a guess may be slower than the rig, or of too low an order
     if abs(found.lag) > shortest and found.correlation > 0.75:
@@ -208,22 +198,15 @@ def _differences(
     alike = float(np.corrcoef(at, expected)[0, 1]) ** 2  # of a slow ramp a line says nothing: laws err along it
     rise = abs(float(line[0])) * len(expected)
     straight = np.var(np.polyval(line, at)) > STRAIGHT * np.var(apart_from)
-    if straight and not guessed and rise > max(DRIFTS, alike) * float(np.ptp(expected)) and found.correlation > 0.7:
+    drifts = straight and rise > max(DRIFTS, alike) * float(np.ptp(expected)) and found.correlation > 0.7
+    if drifts and not (guessed and straightness_of_offsets(record, rig, signal.name) > STRAIGHT):
         yield RecordFinding(
             kind="sensor drift", cost=0.6,
             words=f"{signal.name} leaves what the rig's physics say by {signal.shown(rise)}, along a straight line",
             cure="let the sensor warm up, or take the line away; in a rig that integrates, an offset looks alike",
         )  # fmt: skip
     if not 0.72 < found.scale < 1.38 and found.correlation > 0.75:
-        yield _scale(signal, found)
-
-
-def _scale(signal: CheckedSignal, found: Alignment) -> RecordFinding:
-    return RecordFinding(
-        kind="scale", cost=min(0.79, 0.72 + 0.02 * abs(np.log2(max(found.scale, 1e-6)))),
-        words=f"{signal.name} moves {found.scale:.3g} times as far as the rig's physics say",
-        cure="correct the scale or unit of the sensor or the input; or the rig's parameters, if they are guesses",
-    )  # fmt: skip
+        yield scale_finding(signal, found.scale)
 
 
 def _hysteresis(

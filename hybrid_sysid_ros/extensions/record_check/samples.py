@@ -69,6 +69,11 @@ class CheckedSignal:
     def span(self) -> float:
         return float(np.ptp(self.values))
 
+    @property
+    def usual_noise(self) -> float:
+        """What the rig declares in all, rms."""
+        return float(np.hypot(np.hypot(self.noise, self.count / np.sqrt(12.0)), self.hum))
+
     def at(self, sample: int) -> str:
         return f"sample {sample} ({sample * self.period:.4g} s)"
 
@@ -321,7 +326,7 @@ def _noise(signal: CheckedSignal) -> Iterator[RecordFinding]:
     if signal.is_input or not (signal.noise or signal.count):
         return
     rms = noise_rms(signal.values)
-    usual = float(np.hypot(np.hypot(signal.noise, signal.count / np.sqrt(12.0)), signal.hum))
+    usual = signal.usual_noise
     if rms > 2.5 * usual and rms > 2e-3 * signal.span:
         yield RecordFinding(
             kind="noise", cost=min(0.65, 0.3 + 3.0 * rms / signal.span),

@@ -9,10 +9,12 @@ import pytest
 from scipy.signal import lfilter
 
 import hybrid_sysid_ros as hs
+from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.extensions.record_check.alignment import beyond_chance, time_of_change
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
+from hybrid_sysid_ros.extensions.record_check.correction import straightness_of_offsets
 from hybrid_sysid_ros.extensions.record_check.relation import answers, is_early, wanders
-from hybrid_sysid_ros.extensions.record_check.tests.records import RIG, STEPS, driven_lag, record
+from hybrid_sysid_ros.extensions.record_check.tests.records import RIG, ROOT, STEPS, driven_lag, record
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -69,3 +71,19 @@ def test_an_output_that_moves_before_its_input_is_early_and_a_slow_one_is_not(ea
     assert is_early(steps[:, None], np.roll(slow, -early))
     assert not is_early(steps[:, None], slow)
     assert not is_early(steps[:, None], driven_lag(slow))
+
+
+def test_what_grew_as_much_as_its_noise_is_scaled_and_what_is_only_noisier_is_not():
+    """From a first state a thousand times too large the physics went beyond all that the record shows."""
+    rig = hs.load_rig("flexible_joint")
+    r = bags.read(ROOT / "bags" / "flexible_joint_random_steps", rig.signals)
+    noise = 0.1 * np.std(r.output, axis=0) * np.random.default_rng(0).normal(size=r.output.shape)
+    assert findings_of(replace(r, output=r.output * [1.0, 1000.0]), rig)[0].kind == "scale"
+    assert {item.kind for item in findings_of(replace(r, output=r.output + noise), rig)} == {"noise"}
+
+
+def test_what_an_offset_adds_is_a_line_where_a_law_integrates():
+    rig = hs.load_rig("flexible_joint")
+    r = bags.read(ROOT / "bags" / "flexible_joint_random_steps", rig.signals)
+    assert straightness_of_offsets(r, rig, "motor_angle") > 0.9
+    assert straightness_of_offsets(r, rig, "link_speed") < 0.5
