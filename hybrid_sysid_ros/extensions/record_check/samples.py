@@ -248,12 +248,13 @@ def _spikes(signal: CheckedSignal, inputs: Sequence[Array]) -> Iterator[RecordFi
     answers = any(_follow_steps(first, values) for values in inputs)
     if len(first) and not answers and far.mean() < 0.04:
         signal.spoilt |= far
-        worst = int(np.argmax(away))
+        worst, same = int(np.argmax(away)), len(first) > 2 and np.ptp(y[far]) == 0.0
+        marks = "if that one number marks what is missing (a guess), say missing: with it in import.yaml; or "
         yield RecordFinding(
             kind="spikes", cost=min(0.75, 0.4 + 20.0 * far.mean() + 0.1 * away[worst] / signal.span),
             words=f"{signal.name} has {counted(len(first), 'spike')}, the farthest to {signal.shown(y[worst])} at "
             f"{signal.at(worst)}",
-            cure="repair the wiring or the driver; leave those parts out (--part)",
+            cure=f"{marks if same else ''}repair the wiring or the driver; leave those parts out (--part)",
         )  # fmt: skip
 
 

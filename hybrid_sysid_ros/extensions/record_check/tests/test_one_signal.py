@@ -65,7 +65,10 @@ def test_spikes_of_what_wanders_are_found_and_answers_to_steps_are_none():
     spiked = wandering.copy()
     spiked[random.choice(4000, 25, replace=False)] += 4.0
     (found,) = sample_findings(signal(values=spiked))
-    assert (found.kind, "25 spikes" in found.words) == ("spikes", True)
+    assert (found.kind, "25 spikes" in found.words, "missing" in found.cure) == ("spikes", True, False)
+    spiked[spiked > wandering + 1.0] = -50.0
+    (found,) = sample_findings(signal(values=spiked))
+    assert (found.kind, "missing" in found.cure) == ("spikes", True)
     u = np.repeat(random.choice([-1.0, 1.0], 20), 200)
     peaks = lfilter([1.0, -1.0], [1.0, -0.2], u) + 2e-3 * random.normal(size=4000)  # a pressure behind a valve
     assert [item.kind for item in sample_findings(signal(values=peaks), [u])] == []
