@@ -17,6 +17,9 @@ CHECKOUT = Path(extensions.__file__).parents[2]
 FIRST = "docs/concepts.md"
 """A page that tells where the others are, in a checkout and where a wheel was installed."""
 
+APART = ("results", "tried")
+"""Folders whose pages have names of others."""
+
 
 def pages() -> dict[str, Path]:
     """The pages by their names. Raises UserError where none were installed."""
@@ -27,7 +30,9 @@ def pages() -> dict[str, Path]:
             raise UserError("no pages were installed with the package: read docs/ in its sources")
         folder = installed[0].resolve().parents[1]
     found = [*(folder / "docs").rglob("*.md"), *folder.glob("hybrid_sysid_ros/extensions/*/docs/**/*.md")]
-    return {path.stem if path.parent.name != "results" else f"results/{path.stem}": path for path in sorted(found)}
+    return {
+        f"{path.parent.name}/{path.stem}" if path.parent.name in APART else path.stem: path for path in sorted(found)
+    }
 
 
 def command(
