@@ -135,7 +135,6 @@ def judge_sensors(
     all others, of :mod:`~.sensor_bank`. It comes back by :func:`readmit`.
     """
     count, most = len(sensors), 0.0
-    monitor.given_up += elapsed
     for k in range(count):
         sensors[k].silent = sensors[k].silent + elapsed if math.isnan(readings[k]) else 0.0
         sensors[k].back += elapsed
@@ -160,9 +159,11 @@ def judge_sensors(
 
 def go_on_alone(monitor: MonitorRecord, sensors: Sequence[MonitoredSensor], elapsed: float) -> None:
     """Leave out all sensors for a while if more than one jumped at once: what an actuator does shows by and by, so that
-    the readings are wrong, and those that look right are believed no more than the others.
+    the readings are wrong, and those that look right are believed no more than the others. The monitor's times go on
+    here, since estimates that are only tried are judged by :func:`judge_sensors` with the same one.
     """
     jumped, out, most = 0, 0, 0.0
+    monitor.given_up += elapsed
     for k in range(len(sensors)):
         jumped += 1 if sensors[k].away else 0
         out += 1 if sensors[k].left_out else 0

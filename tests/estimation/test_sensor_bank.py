@@ -120,3 +120,11 @@ def test_a_sensor_that_still_contradicts_the_others_must_agree_for_longer(is_bac
     while not agrees(tried, second.record, second.sensors, [3.0, 4.0], [1.0, 1.0], is_back, STEP):
         count += 1
     assert count * STEP == pytest.approx(enough, abs=2 * STEP)
+
+
+def test_time_does_not_pass_twice_where_a_further_estimate_is_tried():
+    """In C it is judged with the monitor of the loop's own."""
+    record = monitor().record
+    record.given_up = 0.0
+    agrees(SensorTrial(0.2, 0.0), record, monitor().sensors, [3.0, 4.0], [1.0, 1.0], False, STEP)
+    assert record.given_up == 0.0
