@@ -252,7 +252,7 @@ class MonitoredEstimator:
         """Judge the evidence against an estimate, and leave out the sensor that is behind it."""
         monitor, out = self.monitor, sum(self.monitor.counts)
         expected = self.expected(estimate, applied).tolist() if any(monitor.left_out) else None
-        normalised, which = estimate.normalised.tolist(), suspect(self.members)
+        normalised, which = estimate.normalised.tolist(), suspect(self.members, monitor.sensors)
         monitor.judge(
             self.shown.tolist(), normalised, expected, elapsed, which, explains(self.members, which, len(applied))
         )

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from hybrid_sysid_ros.estimation.sensor_monitoring import (
     AVERAGE,
+    BLAMELESS,
     LONG_AVERAGE,
     NONE,
     MonitoredSensor,
@@ -27,6 +28,10 @@ from hybrid_sysid_ros.support.arrays import Floats
 ASTRAY = 0.3
 """Time [s] of evidence against an estimate after which it is initialised again from the next measurement, since it has
 diverged and would converge slowly."""
+CLEARLY = 2.0
+"""Multiple of the least evidence above which that without any other sensor must be."""
+KNOWN = 0.1
+"""Share of the evidence against the estimate without a sensor that was left out lately, for BLAMELESS."""
 SOUND = 4.0
 """Mean of the largest normalised square of an estimate that explains all its sensors: of four, 2.2 is expected."""
 PROBATION = 5.0
@@ -80,14 +85,28 @@ def weigh(
     return False
 
 
-def suspect(members: Sequence[BankMember]) -> int:
-    """The sensor without which the others agree best, NONE where they never do."""
-    found, least = NONE, 1.0
+def suspect(members: Sequence[BankMember], sensors: Sequence[MonitoredSensor]) -> int:
+    """The sensor without which the others agree best, NONE where they never do, or nearly as well without another one;
+    one that was left out lately is known to lie.
+    """
+    found, least, alike = NONE, 1.0, 0
     for k in range(len(members)):
-        evidence = max(members[k].mean, members[k].lasting)
-        if members[k].place > 0 and evidence < least:
+        evidence = _evidence(members, sensors, k)
+        if evidence < least:
             found, least = k, evidence
-    return found
+    for k in range(len(members)):
+        if _evidence(members, sensors, k) <= CLEARLY * least:
+            alike += 1
+    return found if alike == 1 else NONE
+
+
+def _evidence(members: Sequence[BankMember], sensors: Sequence[MonitoredSensor], k: int) -> float:
+    """Against the estimate without sensor k, infinite where there is none."""
+    if members[k].place == 0:
+        return math.inf
+    if sensors[k].back < BLAMELESS:
+        return KNOWN * members[k].mean
+    return max(members[k].mean, members[k].lasting)
 
 
 def explains(members: Sequence[BankMember], k: int, inputs: int) -> bool:

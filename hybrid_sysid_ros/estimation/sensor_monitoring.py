@@ -13,7 +13,7 @@ NONE = -1
 """The index of no sensor, and of no input."""
 AVERAGE, LONG_AVERAGE = 0.1, 0.4
 """Time constants [s] of the mean squares that are compared with the largest and with the least that is plausible."""
-STANDS_OUT = 10.0
+STANDS_OUT = 20.0
 """Mean square that is evidence, too, where an estimate without one sensor explains all others: what the model does not
 know would show in these as well."""
 LASTING = 2.0

@@ -90,6 +90,10 @@ def weighed(squares, *, steps, places=(1, 2)):
     return members
 
 
+def suspected(members):
+    return suspect(members, monitor().sensors)
+
+
 def monitor():
     return SensorMonitor(
         (True, True), [1.0] * 2, largest=[9.0] * 2, least=[0.0] * 2, leave_after=0.05, timeout=0.1
@@ -97,10 +101,10 @@ def monitor():
 
 
 def test_the_sensor_without_which_the_others_agree_is_suspected():
-    assert suspect(weighed([1.0, 90.0], steps=50)) == 0
-    assert suspect(weighed([90.0, 1.0], steps=50)) == 1
-    assert suspect(weighed([90.0, 90.0], steps=50)) == NONE, "the model or an actuator is wrong"
-    assert suspect(weighed([1.0, 90.0], steps=50, places=(0, 1))) == NONE, "the others do not tell the state"
+    assert suspected(weighed([1.0, 90.0], steps=50)) == 0
+    assert suspected(weighed([90.0, 1.0], steps=50)) == 1
+    assert suspected(weighed([90.0, 90.0], steps=50)) == NONE, "the model or an actuator is wrong"
+    assert suspected(weighed([1.0, 90.0], steps=50, places=(0, 1))) == NONE, "the others do not tell the state"
     assert explains(weighed([1.0, 90.0], steps=50), 0, inputs=0)
     assert not explains(weighed([8.0, 90.0], steps=50), 0, inputs=0)
     assert not explains(weighed([1.0, 90.0], steps=50), 0, inputs=1), "its disturbance may explain the other one"
@@ -111,7 +115,7 @@ def test_an_estimate_that_begins_anew_is_not_suspected_less():
     members, sensors = weighed([90.0, 1.0], steps=100), monitor().sensors
     for _ in range(15):
         weigh(members, 0, sensors, [math.nan, 1.0], STEP)
-    assert suspect(members) == 1
+    assert suspect(members, sensors) == 1
 
 
 @pytest.mark.parametrize(("is_back", "enough"), [(True, 0.2), (False, PROBATION)])
@@ -120,6 +124,10 @@ def test_a_sensor_that_still_contradicts_the_others_must_agree_for_longer(is_bac
     while not agrees(tried, second.record, second.sensors, [3.0, 4.0], [1.0, 1.0], is_back, STEP):
         count += 1
     assert count * STEP == pytest.approx(enough, abs=2 * STEP)
+
+
+def test_none_is_suspected_where_two_explain_the_others_alike():
+    assert suspected(weighed([1.0, 1.5], steps=50)) == NONE
 
 
 def test_time_does_not_pass_twice_where_a_further_estimate_is_tried():

@@ -117,7 +117,7 @@ def _judge_sensors(loop: PrintedLoop, elapsed: float) -> None:
     """Judge sensors by the newest update, as :meth:`.monitored_estimator.MonitoredEstimator._judge`."""
     core, out, monitor = loop.memory[0][0], loop.out, loop.monitor
     first = 2 * core.states + core.inputs + core.followed + core.outputs + 1
-    out_before, which = _times_left_out(loop), suspect(monitor.members)
+    out_before, which = _times_left_out(loop), suspect(monitor.members, monitor.sensors)
     expected, stands_out = np.zeros(core.outputs), explains(monitor.members, which, core.inputs)
     if is_any_left_out(monitor.sensors):
         expect(loop, expected)
