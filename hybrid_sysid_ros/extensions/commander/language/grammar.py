@@ -114,6 +114,11 @@ def _stage(
         if rounds := _rounds(clause, vocabulary, files) if commands or heads else 0:
             if not commands:
                 return _all_again(_stage(text, found[1:], vocabulary, files), rounds)
+            if isinstance(commands[-1], Swing) and not _own_length(found[k - 1]):
+                raise UserError(
+                    f"{rounds} times: so many periods, or so often for as long as it lasts by default? say "
+                    f"'for {rounds} periods', or for how long"
+                )
             commands *= rounds
             continue
         if not clause.verbs and any(_is_bare(item, clause, vocabulary, first=not k) for item in clause.quantities):
@@ -187,18 +192,22 @@ def _lasting(clause: Clause, before: Clause, vocabulary: Vocabulary) -> float:
     """How long a swing lasts where the next part says no more, as in "run it for 20 s"; 0 for any other."""
     said = {symbol.value for symbol in clause.verbs if symbol.text.split()[0] != "repeat"}
     times = [item for item in clause.quantities if item.base == TIME and item.role in ("for", "over")]
-    own = [item for item in before.quantities if item.role == "for" or item.base == COUNT]
     if (
         not said
         or said - {"follow", "repeat"}
         or times != clause.quantities
         or len(times) != 1
-        or own
+        or _own_length(before)
         or clause.names
         or clause.then
     ):
         return 0.0
     return Values(clause, vocabulary).time(times[0])
+
+
+def _own_length(clause: Clause) -> bool:
+    """Whether a clause says how long or how often."""
+    return any(item.role == "for" or item.base == COUNT for item in clause.quantities)
 
 
 def _rounds(clause: Clause, vocabulary: Vocabulary, files: Files) -> int:

@@ -103,9 +103,9 @@ PHRASES = (
     (re.compile(r"\bmore\s+times\b|\btimes\s+more\b", re.I), "times"),
 )
 """What is written in several words, dots of somebody who thinks, and units that touch their number."""
-BAND = re.compile(r"(?<=\d)\s*-\s*(?=\d+(?:[.,]\d+)?\s*[km]?Hz\b)")
+BAND = re.compile(r"(?<=\d)\s*-\s*(?=\d+(?:[.,]\d+)?\s*[km]?Hz\b)|(?<=\d)-(?=\d+(?:[.,]\d+)?\s*(?:[^\W\d_]|[%°,;]|$))")
 PEAK_TO_PEAK = re.compile(r"(?<=\d)\s*([^\W\d_]{1,3})\s*(?:pp|p-p)\b")
-"""As in "0.1-2 Hz" and "3 Vpp": they stand for a word of the language."""
+"""As in "0.1-2 Hz", "50-150 rpm" and "3 Vpp": they stand for a word of the language."""
 LEVELS = re.compile(
     r"^[^,;:\d]{0,30}?\b(?:steps?|stairs|stair\s?case|levels|escada|degraus|patamares|n[ií]veis)\b(?:\s+(?:of|de))?\s*:?\s*"
     r"(?=(?:[\w.-]+(?:\s+[^\W\d_/]+)?,\s*){2})",
