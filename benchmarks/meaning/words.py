@@ -246,9 +246,8 @@ def judged(chosen: Sequence[Example]) -> dict[str, Any]:
         counts["refusals with a way in"] += bool(refusal) and WAY_IN.search(refusal) is not None
         if refusal and not WAY_IN.search(refusal):
             dim.append(f"{example.rig} {example.text!r}: {refusal}")
-        stopped = sensible and found in ("stop", "estop")  # nothing moves
-        counts["stops in place of a motion"] += stopped
-        if not hit and found != "no" and not stopped:
+        counts["stops in place of a motion"] += sensible and not hit and found in ("stop", "estop")
+        if not hit and found != "no":
             wrong.append(f"{example.rig} {example.text!r}: {found}, not {' or '.join(right)}")
         elif not hit:
             missed.append(f"{example.rig} {example.text!r}: {refusal or found}; not {' or '.join(right)}")

@@ -28,6 +28,8 @@ RARE = 1.5
 SHORTEST, LONGEST = 1e-8, 9e9
 """Shortest sampling time and longest record [s]: bags count nanoseconds, in 64 bits."""
 HOUR = 3600.0
+JITTERS = 3.0
+"""Sampling times by which stamps that jitter step back at most; a clock that was set back by less is not told apart."""
 MOST_SAMPLES_PER_STAMP = 20
 """Most samples per stamp: one stamp far away must not make a grid that fills the memory."""
 
@@ -123,15 +125,15 @@ def clean_stamps(seconds: Array, what: str) -> CleanStamps:
 
 
 def _overlap(times: Array, steps: Array) -> int:
-    """The first row behind a step back whose span of time has about twice as many rows as it has samples, so that two
-    parts lie over each other; 0 where rows are merely out of order.
+    """The first row behind a step back within which two parts lie over each other, so that it has about twice as many
+    rows as samples; 0 where rows are merely out of order, as by a jitter of the stamps.
     """
     period = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else np.inf
-    for k in np.flatnonzero(steps < 0.0) + 1:
-        within = int(((times >= times[k]) & (times <= times[k - 1])).sum())
-        if within > 1.5 * ((times[k - 1] - times[k]) / period + 1.0):
-            return int(k)
-    return 0
+    back = np.flatnonzero(steps < -JITTERS * period) + 1
+    ordered, low, high = np.sort(times), times[back], times[back - 1]
+    rows = np.searchsorted(ordered, high, "right") - np.searchsorted(ordered, low, "left")
+    twice = back[rows > 1.5 * ((high - low) / period + 1.0)]
+    return int(twice[0]) if len(twice) else 0
 
 
 def _summer(jump: float, period: float) -> str:
