@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from hybrid_sysid_ros.core import System, bounded
+from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.identification import Part, identify, prepare
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.bands import (
@@ -74,6 +74,27 @@ def test_a_record_is_left_out_of_a_fit_of_the_others():
     for block in blocks:
         others = np.mean([gain for k, gain in enumerate(gains) if k != block.record])
         assert block.system.named["gain"] == pytest.approx(others, abs=1e-3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaggingValve(System):
+    """x' = gain z, z' = u - z / 2 s: a level, and a valve that nothing shows."""
+
+    states = ("level [m]", "valve [m/s]")
+    inputs = ("flow [m/s]",)
+    outputs = ("level [m]",)
+    gain: float = bounded(2.0, 0.1, 10.0, unit="1")
+
+    def law(self, x, u):
+        return (self.gain * x[1], u[0] - 0.5 * x[1])
+
+
+def test_a_record_is_left_out_of_fits_that_know_its_hidden_beginning():
+    u = held_levels(0, 1001, hold=20)
+    states = simulate(LaggingValve(), np.array([0.0, 3.0]), u[:-1], step=0.01)
+    experiment = prepare(record_of(u, states[:, :1], 0.01), LaggingValve(), replace(SAMPLING, initial="estimated"))
+    blocks = left_out(LaggingValve(), [experiment], {"gain": 1.0}, 1.0)
+    assert [block.system.named["gain"] for block in blocks] == pytest.approx(len(blocks) * [2.0], rel=0.04)
 
 
 def test_a_run_that_goes_farther_than_training_has_wider_bands(rig):

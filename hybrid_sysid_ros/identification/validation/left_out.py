@@ -60,12 +60,13 @@ def left_out(
         hold=[item.name for item in system.parameters if item.name not in deviations],
     )
     outputs, found = len(system.outputs), []
+    start = problem.with_hidden_starts(problem.start, None)
     with ThreadPoolExecutor(max_workers=threads.available()) as pool, threadpool_limits(1):
         for index, (item, edge) in enumerate(zip(experiments, problem.edges(None), strict=False)):
             begin = edge // outputs - problem.lead
             for first, last in _cuts(problem.lead, item.samples, len(experiments)):
                 problem.without = slice((begin + first) * outputs, (begin + last) * outputs)
-                fitted = problem.with_point(_solve(problem, None, problem.start, (COARSE, ITERATIONS), pool.map).x)
+                fitted = problem.with_point(_solve(problem, None, start, (COARSE, ITERATIONS), pool.map).x)
                 samples = slice(0 if first == problem.lead else first, last)
                 found.append(LeftOut(record=index, samples=samples, system=fitted))
     return found
