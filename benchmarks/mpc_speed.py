@@ -20,8 +20,9 @@ from rich.table import Table
 from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import ControlProblem, ExactMpc, MpcSolution, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, MpcSolution, Status, scenarios
 from hybrid_sysid_ros.control.mpc.calls import solve_call
+from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import STATUSES
 from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
@@ -33,6 +34,13 @@ from hybrid_sysid_ros.support.arrays import Array
 NAME = "mpc_speed"
 SEEDS = (0, 1, 2)
 STRIDE = 5
+ITERATED: dict[str, dict[str, Any]] = {
+    "checked": {"real_time": True},
+    "unchecked": {"real_time": True, "checked": False},
+}
+LOOPS = 48
+"""Of a rig's certificate, each stratum the same number."""
+RIGS = "cam_beam", "flexible_joint", "wheel_motor", "winged_cone", "drill_string", "balancing_robot"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +172,27 @@ def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str,
     return {"times": times, "statuses": statuses, "apart": apart, "cost": float(np.sum(costs))}
 
 
+def on_rig(name: str) -> dict[str, dict[str, float]]:
+    """What real-time iterations cost in loops of a rig's certificate, in shares of what the converged MPC's cost."""
+    from hybrid_sysid_ros.extensions.policies.configured import trial_of
+
+    trial = trial_of(configuration.shipped(name, "policy"), configuration.shipped(name, "model"))
+    problem, costs = trial.policy.problem, list[Array]()
+    for options in ({}, *ITERATED.values()):
+        mpc = ExactMpc(trial.model, problem, **options)
+
+        def control(k: int, asked: Instance, mpc: ExactMpc = mpc) -> Array:
+            (mpc.prepare if k else lambda _: mpc.reset())(problem.period)
+            return mpc.control(*asked).input
+
+        runs = [scenarios.run(trial.scenario(number), problem, control) for number in range(LOOPS)]
+        costs.append(np.array([run.costs.sum() for run in runs]))
+    return {
+        mode: {"together": float(cost.sum() / costs[0].sum()), "worst": float((cost / costs[0]).max())}
+        for mode, cost in zip(ITERATED, costs[1:], strict=True)
+    }
+
+
 def main() -> int:
     """Run, print a table, write the results."""
     from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
@@ -176,13 +205,16 @@ def main() -> int:
     for name, case in cases().items():
         yardstick = InteriorPointMpc(case.system, case.problem, tolerance=1e-9)
         exact = TimedMpc(case.system, case.problem)
-        quick = TimedMpc(case.system, case.problem, real_time=True)
-        for controller in (exact, quick):  # the first loop compiles
+        quick, plain = (TimedMpc(case.system, case.problem, **options) for options in ITERATED.values())
+        for controller in (exact, quick, plain):  # the first loop compiles
             loop(case, SEEDS[0], controller)
             controller.times.clear()
         converged = [loop(case, seed, exact, yardstick) for seed in SEEDS]
-        iterated = [loop(case, seed, quick) for seed in SEEDS]
-        ratio = np.array([b["cost"] / a["cost"] for a, b in zip(converged, iterated, strict=True)])
+        iterated, unchecked = ([loop(case, seed, each) for seed in SEEDS] for each in (quick, plain))
+        ratio, ratio_plain = (
+            np.array([b["cost"] / a["cost"] for a, b in zip(converged, runs, strict=True)])
+            for runs in (iterated, unchecked)
+        )
         apart = np.concatenate([run["apart"] for run in converged])
         statuses = [status for run in converged for status in run["statuses"]]
         solved = sum(status is Status.SOLVED for status in statuses) / len(statuses)
@@ -193,6 +225,9 @@ def main() -> int:
             "real_time_feedback": _times(iterated, "call"),
             "real_time_feedback_solver": result.percentiles(1e3 * np.array(quick.times)),
             "real_time_preparation": _times(iterated, "prepare"),
+            "unchecked_feedback": _times(unchecked, "call"),
+            "unchecked_feedback_solver": result.percentiles(1e3 * np.array(plain.times)),
+            "unchecked_preparation": _times(unchecked, "prepare"),
         }
         results[name] = {
             "milliseconds": measured,
@@ -200,10 +235,12 @@ def main() -> int:
             "first_input_apart": result.percentiles(apart),
             "compared": len(apart),
             "cost_ratio_real_time": result.spread(ratio),
+            "cost_ratio_unchecked": result.spread(ratio_plain),
         }
         more = {
             "converged": (f"{solved:.2%}", f"p50 {np.median(apart):.1e}, max {apart.max():.1e}", "1"),
             "real_time_feedback": ("", "", _words(ratio)),
+            "unchecked_feedback": ("", "", _words(ratio_plain)),
         }
         if acados_peer.installed():
             for mode in ("converged", "real_time"):
@@ -222,6 +259,10 @@ def main() -> int:
             cells = (f"{times[key]:.3f}" for key in ("p50", "p99", "max"))
             shown.add_row(name, solver.replace("_", " "), *cells, *more.get(solver, ("", "", "")))
     print_table(shown)
+    results["rigs"] = {name: on_rig(name) for name in RIGS}
+    for name, modes in results["rigs"].items():
+        words = (f"{mode} {cost['together']:.4f} (worst {cost['worst']:.2f})" for mode, cost in modes.items())
+        print(f"{name}: cost of {LOOPS} loops to converged: {', '.join(words)}")
     print(result.write(NAME, results, on=machine))
     return 0
 

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.control.safety.supervision import (
     WAITING,
 )
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS, REASONS, Supervisor
+from hybrid_sysid_ros.support.errors import UserError
 from tests.supervised import TOLERANCES, bad, checked, flat, instances, policy_shifted, supervisor_of
 
 ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]
@@ -211,6 +212,12 @@ def test_it_forgets_on_a_reset(case):
     held = supervisor.control(state * np.nan, d, np.full(len(d), 2.0), preview)
     assert held.status is Status.HELD
     np.testing.assert_array_equal(held.input, 2.0)
+
+
+def test_it_takes_no_exact_mpc_whose_steps_are_not_checked(case):
+    mpc = ExactMpc(case.system, case.problem, real_time=True, checked=False)
+    with pytest.raises(UserError, match="checked=True"):
+        Supervisor(broken_policy(case), mpc, TOLERANCES)
 
 
 @pytest.mark.parametrize("real_time", [False, True], ids=["converged", "real time"])

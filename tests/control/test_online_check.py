@@ -49,8 +49,8 @@ class Calls(list[tuple[object, ...]]):
         self, monkeypatch: pytest.MonkeyPatch, cost: float, *, expected: float = 100.0, solvable: bool = True
     ) -> None:
         super().__init__()
-        answers = {"make_step": (expected, 100.0, cost), "improve": "about the state itself"}
-        for name in ("evaluate_program", "make_step", "apply_step", "assign", "improve"):
+        answers = {"make_step": (expected, 100.0), "simulated_cost": cost, "improve": "about the state itself"}
+        for name in ("evaluate_program", "make_step", "simulated_cost", "apply_step", "assign", "improve"):
             monkeypatch.setattr(shooting, name, self._noted(name, answers.get(name)))
         program = SimpleNamespace(solve=lambda *_: solvable, keep_working_set=self._noted("keep", None))
         monkeypatch.setattr(shooting, "quadratic", program)

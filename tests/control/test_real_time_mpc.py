@@ -81,6 +81,20 @@ def test_on_the_lecture_s_polynomial_one_iteration_a_call_costs_little():
     assert loop(case, 0, iterated)["cost"] < 1.02 * loop(case, 0, converged)["cost"]
 
 
+@pytest.mark.parametrize("name", ["network", "beam"])
+def test_a_step_that_nobody_checks_is_the_prepared_program_s_and_costs_no_more(name):
+    """Diehl's real-time iteration: its states keep gaps, and nothing simulates them in the call."""
+    case = dataclasses.replace(cases()[name], samples=60)
+    converged = ExactMpc(case.system, case.problem)
+    plain = ExactMpc(case.system, case.problem, real_time=True, checked=False)
+    assert loop(case, 0, plain)["cost"] < 1.005 * loop(case, 0, converged)["cost"]
+    simulated = plain.shooting.horizon.simulated
+    simulated[:] = 7.0
+    asked = np.zeros(len(case.system.states)), np.zeros(1), np.zeros(1), np.ones((case.problem.horizon, 1))
+    assert plain.control(*asked).status is Status.ITERATED
+    assert (simulated == 7.0).all()
+
+
 def test_out_of_time_the_rest_of_the_last_plan_stands_in(rig):
     seconds = iter(np.arange(0.0, 1e6, 1.0))  # every look at this clock is a second later
     controller = ExactMpc(rig.system, PROBLEM, tolerance=0.0, time_limit=0.5, clock=lambda: next(seconds))

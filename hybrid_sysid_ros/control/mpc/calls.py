@@ -16,6 +16,7 @@ from hybrid_sysid_ros.control.mpc.shooting import (
     CONVERGE,
     FEEDBACK,
     IMPROVE,
+    UNCHECKED,
     answer,
     linearise_program,
     plan_within,
@@ -46,7 +47,9 @@ class MpcMemory(Shared):
     call: NDArray[np.void]
     """(1,) of :data:`CALL`."""
     real_time: int
-    """Whether a call makes one step from a prepared program."""
+    """Whether a call makes one step."""
+    checked: int
+    """Whether the plan of such a step is simulated."""
     iterations: int
     """Most iterations of a call."""
     tolerance: float
@@ -117,7 +120,7 @@ def prepare_mpc(mpc: MpcMemory, elapsed: float) -> None:
     if call.cold != 0:
         return
     shift_trajectory(mpc.prediction, mpc.horizon, min(elapsed / mpc.interval, 1.0))
-    if mpc.real_time != 0 and mpc.horizon.progress[0].foreseen >= ASSURED:
+    if mpc.real_time != 0 and (mpc.checked == 0 or mpc.horizon.progress[0].foreseen >= ASSURED):
         linearise_plan(mpc)
     elif mpc.real_time != 0:
         call.way = IMPROVE
@@ -134,7 +137,8 @@ def shift_plan(mpc: MpcMemory) -> None:
 def linearise_plan(mpc: MpcMemory) -> None:
     """Prepare the program around the last plan."""
     linearise_program(mpc.prediction, mpc.horizon, mpc.program)
-    mpc.call[0].way = FEEDBACK if factorise(mpc.program) else CONVERGE
+    way = FEEDBACK if mpc.checked != 0 else UNCHECKED
+    mpc.call[0].way = way if factorise(mpc.program) else CONVERGE
 
 
 @inner

@@ -26,7 +26,7 @@ from hybrid_sysid_ros.control.mpc.calls import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Instance, new_instance
 from hybrid_sysid_ros.control.mpc.sequential import LIFTED
-from hybrid_sysid_ros.control.mpc.shooting import FEEDBACK, HorizonMemory, rollout, shooting
+from hybrid_sysid_ros.control.mpc.shooting import FEEDBACK, UNCHECKED, HorizonMemory, rollout, shooting
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
@@ -50,7 +50,8 @@ class ExactMpc:
     """Solves the problem at every call, beginning with the last plan.
 
     Converged: it iterates until the KKT residual is within the tolerance. In real time: it makes one step in a call,
-    and :meth:`prepare` has linearised beforehand (Diehl et al. 2002, J. Process Control 12(4)).
+    and :meth:`prepare` has linearised beforehand (Diehl et al. 2002, J. Process Control 12(4)). A call then ends with a
+    simulation of its plan, and makes the step anew where that costs more than predicted, unless it is not ``checked``.
 
     Offset-free: d is the estimated input disturbance, so that the prediction agrees with measurements at rest
     (Pannocchia & Rawlings 2003, AIChE J. 49(2)).
@@ -62,6 +63,7 @@ class ExactMpc:
         problem: ControlProblem,
         *,
         real_time: bool = False,
+        checked: bool = True,
         tolerance: float = 1e-6,
         time_limit: float = math.inf,
         clock: Callable[[], float] | None = None,
@@ -74,6 +76,7 @@ class ExactMpc:
         self.horizon = problem.horizon
         self.period = problem.period
         self.real_time = real_time
+        self.checked = checked
         self._tolerance = tolerance
         self._time_limit = time_limit
         self._clock = clock
@@ -84,6 +87,7 @@ class ExactMpc:
             program=known.program,
             call=np.zeros(1, CALL),
             real_time=int(real_time),
+            checked=int(checked),
             iterations=self.problem.max_iterations,
             tolerance=tolerance,
             interval=self.period,
@@ -133,7 +137,7 @@ class ExactMpc:
         or don't cover the horizon.
         """
         self.problem.assign(self._shooting.prediction.stage, values)
-        if self._call["way"][0] == FEEDBACK:
+        if self._call["way"][0] in (FEEDBACK, UNCHECKED):
             prepare_again(self.compiled)
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:

@@ -129,8 +129,7 @@ def improve(
     search_along(prediction, horizon, program, instance, cost, True, False)
     horizon.progress[0].steps = 1
     if judged:
-        found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
-        foreseen(horizon, expected, change, found)
+        foreseen(horizon, expected, change, simulated_cost(prediction, horizon, instance))
     return SolverResult(False, 1, np.inf)
 
 
@@ -184,7 +183,8 @@ def _lift(
         if not _solve_program(horizon, program):
             break
         quadratic.keep_working_set(program)
-        expected, change, found = make_step(prediction, horizon, program, instance)
+        expected, change = make_step(prediction, horizon, program, instance)
+        found = simulated_cost(prediction, horizon, instance)
         done += 1
         uphill = 0 if found <= cost else uphill + 1
         if uphill == 0:
@@ -201,16 +201,20 @@ def _lift(
 @inner
 def make_step(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance
-) -> tuple[float, float, float]:
-    """Make the whole step of a solution, in the states by their linear prediction; return what :func:`expand` does, and
-    the cost of the inputs when they are simulated.
-    """
+) -> tuple[float, float]:
+    """Make the whole step of a solution, in the states by their linear prediction; return what :func:`expand` does."""
     expected, change = expand(horizon, program, instance)
     apply_step(horizon, 1.0)
     if horizon.limits.hard.any():
         keep_hard(prediction, horizon, instance.previous, horizon.inputs)
+    return expected, change
+
+
+@inner
+def simulated_cost(prediction: PredictionModel, horizon: Horizon, instance: Instance) -> float:
+    """The cost of the inputs when they are simulated."""
     found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
-    return expected, change, found
+    return found  # type: ignore[no-any-return]
 
 
 @inner

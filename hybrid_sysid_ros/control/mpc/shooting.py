@@ -24,16 +24,16 @@ from hybrid_sysid_ros.control.mpc.linearisation import (
     linearise,
 )
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
-from hybrid_sysid_ros.control.mpc.sequential import SolverResult, foreseen, improve, make_step, solve
+from hybrid_sysid_ros.control.mpc.sequential import SolverResult, foreseen, improve, make_step, simulated_cost, solve
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
 
-CONVERGE, FEEDBACK, IMPROVE = range(3)
-"""How a call is answered: by steps until convergence, by the feedback phase of the prepared program, or by one step
-around the trajectory from the state itself, for which nothing is prepared.
+CONVERGE, FEEDBACK, IMPROVE, UNCHECKED = range(4)
+"""How a call is answered: by steps until convergence, by the feedback phase of the prepared program, by one step around
+the trajectory from the state itself, for which nothing is prepared, or by a feedback phase whose plan is not simulated.
 """
 
 
@@ -140,19 +140,19 @@ def iterate(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, way: int
 ) -> SolverResult:
     """A real-time step: the feedback phase, which is the step from the prepared program, whose matrices are factorised,
-    or by the way IMPROVE one around the state itself.
+    or by the way IMPROVE one around the state itself. By the way UNCHECKED states keep the gaps that the step leaves.
 
     Where the plan of a feedback phase costs more than predicted, the state differs from the prepared one, and the step
     is made around the state itself, too. A result with 0 iterations means that the program has no solution; the
     trajectory then stays.
     """
-    if way == FEEDBACK:
+    if way != IMPROVE:
         evaluate_program(horizon, program, instance, True)
         if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
             return SolverResult(False, 0, np.inf)
         quadratic.keep_working_set(program)
-        expected, change, found = make_step(prediction, horizon, program, instance)
-        if foreseen(horizon, expected, change, found):
+        expected, change = make_step(prediction, horizon, program, instance)
+        if way == UNCHECKED or foreseen(horizon, expected, change, simulated_cost(prediction, horizon, instance)):
             assign(horizon.disturbance, instance.disturbance)
             return SolverResult(False, 1, np.inf)
         apply_step(horizon, -1.0)

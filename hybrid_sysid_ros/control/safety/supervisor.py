@@ -103,7 +103,9 @@ class Supervisor:
     """
 
     def __init__(self, policy: Policy, mpc: ExactMpc, tolerances: Tolerances) -> None:
-        """Raises UserError where policy and MPC have different problems, or the policy gives its first inputs alone."""
+        """Raises UserError where policy and MPC have different problems, the policy gives its first inputs alone, or
+        the MPC's steps are not checked.
+        """
         if policy.stages != policy.horizon:
             raise UserError(
                 f"policy: gives the inputs of {policy.stages} of {policy.horizon} intervals, so that it can't be "
@@ -112,6 +114,10 @@ class Supervisor:
             )
         if policy.problem.sized(mpc.system) != mpc.problem:
             raise UserError("policy: it imitates another problem than that of the exact MPC; train it again")
+        if not mpc.checked:
+            raise UserError(
+                "supervisor: it judges by the cost of simulated plans: make the exact MPC with checked=True"
+            )
         self.policy = policy
         self.mpc = mpc
         self.horizon = mpc.horizon
