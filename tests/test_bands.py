@@ -11,13 +11,15 @@ from scipy.stats import t as student
 from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.identification import Part, identify, prepare
 from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.standard_errors import student_factor
 from hybrid_sysid_ros.identification.validation.bands import (
     DRAWS,
     Uncertainty,
-    _drawn,
     _moved_by,
+    _moved_by_others,
     bands_of,
     correlation_time,
+    drawn_systems,
     freedom_of,
     widening_of,
 )
@@ -58,7 +60,7 @@ def test_what_an_offset_and_a_parameter_leave_open_is_that_of_the_integral():
     np.testing.assert_allclose(np.sqrt(moved[:, 0]), 2.0 * 0.004 * time, atol=1e-9)
     random = np.random.default_rng(0)
     draw = np.sqrt(np.mean([(0.01 * random.normal()) ** 2 for _ in range(DRAWS // 2)]))
-    drawn = _drawn(Integrator(), experiment, known, first, run)
+    drawn = _moved_by_others(drawn_systems(Integrator(), known), experiment, first, run)
     np.testing.assert_allclose(np.sqrt(drawn[:, 0]), draw / 2.0 * np.abs(run[:, 0]), atol=1e-9)
 
 
@@ -117,9 +119,20 @@ def test_errors_that_remember_are_few():
 def test_mean_squares_that_differ_have_the_freedom_of_their_chi_square():
     """That of n white errors has n degrees of freedom; blocks that are alike have many."""
     random = np.random.default_rng(0)
-    assert freedom_of(list(random.normal(size=(20000, 8)))) == pytest.approx(8.0, rel=0.1)
-    assert freedom_of(4 * [np.ones(10)]) > 1e12
-    assert freedom_of([np.ones(10)]) == 0.0
+    assert freedom_of(list(random.normal(size=(20000, 8))), 1) == pytest.approx(8.0, rel=0.1)
+    assert freedom_of(4 * [np.ones(10)], 4) > 1e12
+    assert freedom_of([np.ones(10)], 1) == 0.0
+
+
+def test_a_quantile_of_errors_of_records_that_differ_and_student_s_factor_hold_those_of_another_record():
+    """Of records whose mean squares are chi-squares over n = 4; on average over many trials."""
+    random, held = np.random.default_rng(0), []
+    for _ in range(400):
+        deviations = np.sqrt(random.chisquare(4, 7) / 4)
+        errors = list(deviations[:6, None] * random.normal(size=(6, 300)))
+        half = np.quantile(np.abs(errors), 0.9) * student_factor(freedom_of(errors, 6))
+        held.append(2.0 * norm.cdf(half / deviations[6]) - 1.0)
+    assert np.mean(held) == pytest.approx(0.9, abs=0.015)
 
 
 def test_bands_of_few_errors_to_which_numbers_were_fitted_are_wider():

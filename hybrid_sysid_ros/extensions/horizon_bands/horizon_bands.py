@@ -80,7 +80,7 @@ def noted(system: System, experiments: Sequence[PreparedRecord], blocks: Sequenc
         wide = np.quantile(together, level, axis=0, method="higher")
         for h, k in np.ndindex(wide.shape):
             if np.isfinite(wide[h, k]):
-                wide[h, k] *= student_factor(freedom_of([part[:, h, k] for part in errors]))
+                wide[h, k] *= student_factor(freedom_of([part[:, h, k] for part in errors], len(experiments)))
         widths[f"{level:g}"] = wide.tolist()
     excursions = [excursion_of(item.outputs, centre) for item in experiments]
     return {

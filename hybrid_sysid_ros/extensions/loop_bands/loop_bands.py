@@ -4,8 +4,8 @@ The error of a free run acts in the loop as one of the output, e: the controller
 sensitivity of the loop of a model G under a controller C, the error of a forecast is S e (Skogestad & Postlethwaite
 2005, Multivariable Feedback Control, section 2.2), exactly so where both are linear. So errors like those of training
 records that were left out of the fit are drawn, and the loop is simulated with each in what its controller sees. Their
-spectrum is that of an autoregressive process (Yule-Walker equations). To the mean square of what comes back, that of
-forecasts with other parameters is added, as in bands of free runs, whose widths hold
+spectrum is that of an autoregressive process (Yule-Walker equations). Of how far a forecast goes and how other
+parameters move it the larger one counts, as in bands of free runs, whose widths hold
 (:mod:`~hybrid_sysid_ros.identification.validation.bands`).
 """
 
@@ -25,7 +25,9 @@ from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.validation.bands import (
     LEVELS,
+    SHARE,
     bounded_errors,
+    deviation_of,
     drawn_systems,
     excursion_of,
     uncertainty_of,
@@ -114,10 +116,11 @@ def loop_bands(model: Model, record: Record, rig: Rig, *, part: Part = Part()) -
         moved.append(again(model.system, error).simulated + error - found.simulated)
     own = free["outputs"][model.system.outputs[0].name]
     growth = max(float(excursion_of(found.simulated, own["centre"]) / own["excursion"]), 1.0)
-    squares = growth**2 * np.mean(np.square(moved))
+    squares = np.zeros(found.time.shape)
     for other in others:
-        squares = squares + bounded_errors(other - found.simulated, found.measured) ** 2 / len(others)
-    deviation = np.sqrt(np.broadcast_to(squares, found.time.shape))
+        squares += bounded_errors(other - found.simulated, found.measured) ** 2 / len(others)
+    come_back = float(np.sqrt(np.mean(np.square(moved))))
+    deviation = deviation_of(come_back, growth, own.get(SHARE, 1.0) * squares)
     halves = {level: float(own["widths"][f"{level:g}"]) * deviation for level in LEVELS}
     return LoopBands(
         name=record.name, time=found.time, forecast=found.simulated, measured=found.measured, halves=halves

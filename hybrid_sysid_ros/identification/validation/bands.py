@@ -1,11 +1,18 @@
 """Bands: how far a measurement is from a free run, by what parameters, inputs and noise leave open.
 
-A run's deviation at each sample is s^2 = (growth floor)^2 + s_parameters^2: s_parameters from runs with parameters
-drawn from their covariance, floor the root mean square of the errors of training records that were left out of the fit
-(:mod:`.left_out`). What a law does not say grows with the motion: growth is the excursion of the run, its root mean
-square about the training's mean, in the largest of a training record, and at least 1. A band of level p is as many
-deviations wide as hold a share p of these errors, and wider by Student's factor t(n) / z of 90 %, with n by how much
-the errors of one block are larger than those of another (:func:`freedom_of`).
+A run's deviation at each sample is
+
+    s^2 = max((growth floor)^2, floor^2 + share s_parameters^2),
+
+floor the root mean square of the errors of training records that were left out of the fit (:mod:`.left_out`). Errors
+of a run that goes farther are larger, as what a law does not say grows with the motion, or as other parameters move it.
+Both say how much larger, so that the larger one counts, and not their sum. growth is the excursion of the run, its root
+mean square about the training's mean, in the largest of a training record, and at least 1. s_parameters is from runs
+with parameters drawn from their covariance, and share what runs of systems that were fitted without a block differ by
+in the training records, in that, as in the jackknife+.
+
+A band of level p is as many deviations wide as hold a share p of these errors, and wider by Student's factor t(n) / z
+of 90 %, with n by how much the errors of one block are larger than those of another (:func:`freedom_of`).
 
 Where no record can be left out, the training errors take their place. Those of n independent stretches to which p
 numbers were fitted are smaller than those to come, and a band is wider by sqrt(n / (n - p) (1 + p / n)), too.
@@ -32,6 +39,8 @@ from hybrid_sysid_ros.support.arrays import Array
 LEVELS = (0.5, 0.9)
 FLOOR = ("floor", "centre", "excursion")
 """What is known of each output."""
+SHARE = "share"
+"""The same, by which the mean square that parameters leave open counts; older models do not have it."""
 OFFSET, OFFSETS = 0.001, (0.0005, 0.004)
 """Offset of the inputs that is simulated, and least and largest that errors are taken for, in the span of training."""
 DRAWS = 4
@@ -89,8 +98,11 @@ def band_calibration(
         return {}
     fitted = [(item.outputs - run)[item.scored] for item, run in zip(experiments, runs, strict=True)]
     signed = [_errors_of(block, experiments[block.record]) for block in blocks] or fitted
-    given = list(zip(experiments, firsts, runs, strict=True))
-    drawn = np.concatenate([_drawn(system, item, known, *of)[item.scored] for item, *of in given])
+    given, others = list(zip(experiments, firsts, runs, strict=True)), [block.system for block in blocks]
+    drawn, apart = (
+        np.concatenate([_moved_by_others(used, item, *of)[item.scored] for item, *of in given])
+        for used in (drawn_systems(system, known), others)
+    )
     offsets = OFFSET * known.spans
     moved = np.concatenate([_moved_by(system, item, offsets, *of)[item.scored] for item, *of in given])
     offset, found = [], dict[str, Any]()
@@ -101,13 +113,16 @@ def band_calibration(
         outputs = [record.outputs[record.scored, column] for record in experiments]
         centre = float(np.mean(np.concatenate(outputs)))
         excursion = float(max(excursion_of(part, centre) for part in outputs))
-        ratios = np.abs(together) / np.sqrt(floor**2 + drawn[:, column])
-        wider = student_factor(freedom_of(own)) if blocks else widening_of(own, known.effective)
+        usual = float(np.mean(drawn[:, column]))
+        share = float(np.mean(apart[:, column])) / usual if blocks and usual > 0.0 else 1.0
+        ratios = np.abs(together) / deviation_of(floor, 1.0, share * drawn[:, column])
+        wider = student_factor(freedom_of(own, len(experiments))) if blocks else widening_of(own, known.effective)
         offset.append(OFFSET * floor / max(float(np.sqrt(np.mean(moved[:, column]))), 1e-300))
         found[item.name] = {
             "floor": floor,
             "centre": centre,
             "excursion": excursion,
+            SHARE: share,
             "widths": {f"{level:g}": wider * float(np.quantile(ratios, level)) for level in LEVELS},
             "correlation": correlation_time([part[:, column] for part in fitted]),
         }
@@ -124,11 +139,11 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     system, known = model.system, uncertainty_of(model)
     first = initial_state(system, experiment)
     run = free_run_of(system, experiment, first)
-    drawn = _drawn(system, experiment, known, first, run)
+    drawn = _moved_by_others(drawn_systems(system, known), experiment, first, run)
     own = [calibration["outputs"][item.name] for item in system.outputs]
-    floor, centre, excursion = (np.array([float(item[key]) for item in own]) for key in FLOOR)
+    floor, centre, excursion, share = (np.array([float(item.get(key, 1.0)) for item in own]) for key in (*FLOOR, SHARE))
     growth = np.maximum(excursion_of(run, centre) / excursion, 1.0)
-    deviation = np.sqrt((growth * floor) ** 2 + drawn)
+    deviation = deviation_of(floor, growth, share * drawn)
     widths = [np.array([float(item["widths"][f"{level:g}"]) for item in own]) for level in LEVELS]
     return [Band(level=level, run=run, half=deviation * width) for level, width in zip(LEVELS, widths, strict=True)]
 
@@ -145,17 +160,23 @@ def excursion_of(values: Array, centre: Array | float) -> Any:
     return np.sqrt(np.mean((values - centre) ** 2, axis=0))
 
 
-def freedom_of(blocks: Sequence[Array]) -> float:
-    """Degrees of freedom of the mean square of errors (samples,) in blocks, by how the blocks differ.
+def deviation_of(floor: Array | float, growth: Array | float, parameters: Array) -> Array:
+    """s: the root of the larger of (growth floor)^2 and floor^2 + parameters, the mean square that these leave open."""
+    return np.sqrt(np.maximum(np.square(np.multiply(growth, floor)), np.square(floor) + parameters))
 
-    n = 2 m^2 / v, with m the mean and v the variance of their mean squares, as of m times a chi-square over n:
-    Satterthwaite (1946), Biometrics Bulletin 2(6). Errors of another record are larger or smaller as those of another
-    block are, so that over records they are Student's t(n).
+
+def freedom_of(blocks: Sequence[Array], records: int) -> float:
+    """Degrees of freedom of the mean square of errors (samples,) in blocks of some records.
+
+    A block has n = 2 m^2 / v, with m the mean and v the variance of their mean squares, as of m times a chi-square over
+    n: Satterthwaite (1946), Biometrics Bulletin 2(6). The quantile of errors over records that differ so is that of
+    Student's t(n) already; what is left open is its scale, the mean over so many records: blocks of one record do not
+    say how another one differs.
     """
     squares = [float(np.mean(block**2)) for block in blocks if len(block)]
     if len(squares) < 2:
         return 0.0
-    return 2.0 * float(np.mean(squares)) ** 2 / max(float(np.var(squares, ddof=1)), 1e-300)
+    return records * 2.0 * float(np.mean(squares)) ** 2 / max(float(np.var(squares, ddof=1)), 1e-300)
 
 
 def widening_of(errors: Sequence[Array], effective: float) -> float:
@@ -190,10 +211,9 @@ def _errors_of(block: LeftOut, experiment: PreparedRecord) -> Array:
     return np.asarray(errors[block.samples][experiment.scored[block.samples]])
 
 
-def _drawn(system: System, experiment: PreparedRecord, known: Uncertainty, first: Array, run: Array) -> Array:
-    """Squared deviations (samples, outputs) by parameters of a run from a state (states,)."""
-    others = [free_run_of(other, experiment, first) for other in drawn_systems(system, known)]
-    return _squares(others, run, experiment)
+def _moved_by_others(systems: Sequence[System], experiment: PreparedRecord, first: Array, run: Array) -> Array:
+    """Mean squares (samples, outputs) by which other systems move a run from a state (states,)."""
+    return _squares([free_run_of(other, experiment, first) for other in systems], run, experiment)
 
 
 def _moved_by(system: System, experiment: PreparedRecord, offsets: Array, first: Array, run: Array) -> Array:
