@@ -10,15 +10,24 @@ from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quant
 from hybrid_sysid_ros.extensions.commander.language.commands import (
     Command,
     Condition,
-    Follow,
-    Move,
     Repeat,
     Sentence,
     Swing,
-    Undo,
     Wait,
 )
 from hybrid_sysid_ros.extensions.commander.language.files import Files
+from hybrid_sysid_ros.extensions.commander.language.joining import (
+    acts,
+    all_again,
+    alone,
+    arrival,
+    brought_to_rest,
+    carried,
+    held,
+    joined,
+    moved,
+    repeated,
+)
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.matcher import clauses
 from hybrid_sysid_ros.extensions.commander.language.meanings import Meaning
@@ -33,8 +42,6 @@ from hybrid_sysid_ros.rigs.units import COUNT, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 SWUNG = ("amplitude", "peak_to_peak", "frequency", "period")
-CARRIED = ("go", "hold", "ramp", "step", "follow")
-"""Verbs that count for the next part, too, where it has a value and no verb."""
 
 
 class DoubtfulTimeError(UserError):
@@ -96,7 +103,9 @@ def _foreign(refusal: UserError, text: str, vocabulary: Vocabulary) -> UserError
 
 
 def _sentence(text: str, language: str, vocabulary: Vocabulary, files: Files) -> Sentence:
-    return _stage(text, clauses(symbols(text, lexicon(language), vocabulary), vocabulary), vocabulary, files)
+    return _stage(
+        text, clauses(symbols(text, lexicon(language), vocabulary), vocabulary, lexicon(language)), vocabulary, files
+    )
 
 
 def _stage(
@@ -106,6 +115,7 @@ def _stage(
     "hold" stays.
     """
     commands: list[Command] = []
+    dwelt = False
     for k, clause in enumerate(found):
         if commands and isinstance(commands[-1], Swing) and (seconds := _lasting(clause, found[k - 1], vocabulary)):
             commands[-1] = replace(commands[-1], seconds=seconds)
@@ -113,7 +123,7 @@ def _stage(
         heads = not (k or clause.verbs) and len(found) > 1 and not found[1].then  # "three times: ..."
         if rounds := _rounds(clause, vocabulary, files) if commands or heads else 0:
             if not commands:
-                return _all_again(_stage(text, found[1:], vocabulary, files), rounds)
+                return all_again(_stage(text, found[1:], vocabulary, files), rounds)
             if isinstance(commands[-1], Swing) and not _own_length(found[k - 1]):
                 raise UserError(
                     f"{rounds} times: so many periods, or so often for as long as it lasts by default? say "
@@ -122,8 +132,10 @@ def _stage(
             commands *= rounds
             continue
         if not clause.verbs and any(_is_bare(item, clause, vocabulary, first=not k) for item in clause.quantities):
-            carried = _carried(commands, found[:k])
-            clause.verbs += [verb for verb in carried if verb.value != "hold" or not clause.directions]
+            clause.verbs += [
+                verb for verb in carried(commands, found[:k]) if verb.value != "hold" or not clause.directions
+            ]
+        dwelt = (k < len(found) - 1 or dwelt) and _dwells(clause)
         verbs = [symbol.value for symbol in clause.verbs]
         if clause.condition is not None or (clause.delay is not None and not commands):
             until, already = (
@@ -131,9 +143,11 @@ def _stage(
             )
             condition = _condition(clause, vocabulary)
             settles = condition.settled
-            waits = verbs in ([], ["wait"]) and _alone(clause)
+            waits = verbs in ([], ["wait"]) and alone(clause)
+            if until and "halt" in verbs:
+                raise UserError("'stop' works at once: let it stand alone, or at the end")
             if until and not waits:
-                commands.append(Meaning(clause, vocabulary, files, behind=_acts(commands)).command())
+                commands.append(Meaning(clause, vocabulary, files, behind=acts(commands)).command())
             rest = found[k + 1 :] if until or waits else [clause, *found[k + 1 :]]
             if not rest and commands and until and settles:
                 return Sentence(text=text, commands=tuple(commands))  # "go to 1 m and let it settle": it does
@@ -145,6 +159,9 @@ def _stage(
                     "if it is so now, or as soon as it is? say 'when it goes above' or 'below', or leave it out"
                 )
             return Sentence(text=text, commands=tuple(commands), condition=condition, later=later)
+        if "halt" in verbs and clause.paces and commands:  # "then shut it down gently in 10 s"
+            commands.append(brought_to_rest(clause, vocabulary))
+            continue
         if clause.delay is not None:
             seconds = Values(clause, vocabulary).delay()
             if "halt" in verbs and not clause.then:
@@ -155,7 +172,7 @@ def _stage(
             commands.append(Wait(seconds=seconds))
         if "halt" in verbs:
             if clause.quantities or (clause.here and commands):
-                commands.append(_arrival(clause))
+                commands.append(arrival(clause))
                 continue
             if k == 0 and not commands:
                 more = any([symbol.value for symbol in other.verbs] != ["halt"] for other in found[1:])
@@ -166,25 +183,29 @@ def _stage(
             if not clause.then and all(isinstance(command, Repeat) for command in commands):
                 commands = []  # "again, stop!"
             return Sentence(text=text, commands=tuple(commands), stops=True)
-        lasting = clause.each is not None and _alone(clause) and verbs in (["hold"], ["wait"])  # "stay 5 s at each"
-        if not ((clause.delay is not None and _alone(clause) and not verbs) or lasting):
-            behind = _acts(commands) or (reached and verbs == ["hold"])
+        lasting = clause.each is not None and alone(clause) and verbs in ([], ["hold"], ["wait"])  # "stay 5 s at each"
+        if not ((clause.delay is not None and alone(clause) and not verbs) or lasting):
+            behind = acts(commands) or (reached and verbs == ["hold"])
             joint, clause.together = (clause.together, "") if commands else ("", clause.together)
             if clause.comparatives and not k and len(found) > 1 and not found[1].then and not clause.quantities:
                 said = clause.comparatives[0][1]
                 raise UserError(f"{said!r}: of what runs, or of what follows? say 'slowly', or 'then' behind it")
             meaning = Meaning(clause, vocabulary, files, behind=behind)
+            here, kept = clause.here, {*clause.targets}
             made = meaning.command()
             other = k > 0 and [verb.text for verb in clause.verbs] != [verb.text for verb in found[k - 1].verbs]
             if commands == [made] == [Repeat()] and other and not JOINED.search(text):
                 continue  # "one more time, same as before"
-            joined = not clause.then
+            if re.search(r"\b(?:is|are|esta)\b", here) and isinstance(made, Wait) and moved(commands, kept):
+                raise UserError(f"{here!r}: where it is now, or is then? say 'stay there', or leave it out")
             joint = joint or ("while" if clause.meanwhile and not isinstance(made, Wait) else "")
             commands = (
-                _joined(commands, made, joint) if joint else _repeated(commands, made, meaning.times, joined=joined)
+                joined(commands, made, joint)
+                if joint
+                else repeated(commands, made, meaning.times, joined=not clause.then)
             )
         if clause.each is not None:
-            commands = _held(commands, clause.each, Values(clause, vocabulary).time(clause.each))
+            commands = held(commands, clause.each, Values(clause, vocabulary).time(clause.each))
     return Sentence(text=text, commands=tuple(commands))
 
 
@@ -205,6 +226,17 @@ def _lasting(clause: Clause, before: Clause, vocabulary: Vocabulary) -> float:
     return Values(clause, vocabulary).time(times[0])
 
 
+def _dwells(clause: Clause) -> bool:
+    """Whether a bare time behind a value is how long it lasts, as another part follows: "60 rpm, 5 s, then 30 rpm"."""
+    times = [item for item in clause.quantities if item.base == TIME]
+    moved = {symbol.value for symbol in clause.verbs} <= {"go", "step", "hold", "follow"} and not clause.paces
+    if not moved or clause.increment or clause.count_of_steps or len(times) != 1 or times[0].role or times[0].kind:
+        return False
+    at = clause.quantities.index(times[0])
+    clause.quantities[at] = replace(times[0], role="for") if at or clause.shares else times[0]
+    return bool(at or clause.shares)
+
+
 def _own_length(clause: Clause) -> bool:
     """Whether a clause says how long or how often."""
     return any(item.role == "for" or item.base == COUNT for item in clause.quantities)
@@ -222,45 +254,6 @@ def _rounds(clause: Clause, vocabulary: Vocabulary, files: Files) -> int:
     return made.times if isinstance(made, Repeat) else 0
 
 
-def _all_again(sentence: Sentence, rounds: int) -> Sentence:
-    """So many rounds of a sentence. Raises UserError for one that waits or stops."""
-    if sentence.later is not None or sentence.stops:
-        raise UserError(f"{rounds} times what waits or stops? say the parts without it")
-    return replace(sentence, commands=sentence.commands * rounds)
-
-
-def _joined(before: list[Command], made: Command, said: str) -> list[Command]:
-    """Commands of which the last one and another move at the same time. Raises UserError for what can't."""
-    if not before:
-        raise UserError(f"{said!r} what? say both values in one part, as in 'height 100 m and speed 10 m/s in 60 s'")
-    last = before[-1]
-    plain = [isinstance(each, Move) and each == Move(goals=each.goals, shape="smooth") for each in (last, made)]
-    if not (isinstance(last, Move) and isinstance(made, Move) and all(plain)):
-        raise UserError(f"{said!r}: say both values in one part, as in 'height 100 m and speed 10 m/s in 60 s'")
-    goals = (*last.goals, *made.goals)
-    if len({goal.output for goal in goals}) < len(goals):
-        raise UserError(f"{said!r}: one output has one value at a time: join the parts by 'then'")
-    return [*before[:-1], replace(last, goals=goals)]
-
-
-def _repeated(before: list[Command], made: Command, times: int, *, joined: bool) -> list[Command]:
-    """Commands and another one so many times, or all of them where that one alone would come to nothing new; "and back"
-    goes with the part before. Raises UserError where it is unclear what is done again.
-    """
-    alone = isinstance(made, Follow) or (isinstance(made, Move) and all(goal.relative for goal in made.goals))
-    if times == 1 or (alone and (not before or isinstance(made, Follow))):
-        return [*before, *[made] * times]
-    if alone or not before:
-        raise UserError(f"{times} times of what? say all parts, and then 'repeat {times} times'")
-    if isinstance(made, Undo):
-        if made.seconds is not None and isinstance(before[-1], Move) and before[-1].seconds is None and joined:
-            raise UserError(
-                f"in {made.seconds:g} s there and back, or back alone? say how long the way there takes, too"
-            )
-        return [*before[:-1], *[before[-1], made] * times]
-    return [*before, made] * times
-
-
 def _is_bare(item: Quantity, clause: Clause, vocabulary: Vocabulary, *, first: bool) -> bool:
     """Whether a value needs no verb: it measures an output ("60 rpm"), or goes on with what the part before does."""
     if item.kind in SWUNG or item.role not in (("", "at") if first else ("", "at", "to")):
@@ -273,46 +266,6 @@ def _is_bare(item: Quantity, clause: Clause, vocabulary: Vocabulary, *, first: b
     )  # "zero speed"
     measures = measures or (item.base == PERCENT and item.kind == "speed" and only)
     return not first or (measures and (item.role == "" or clause.addressed or clause.sense is not None))
-
-
-def _carried(commands: Sequence[Command], before: Sequence[Clause]) -> list[Symbol]:
-    """The verbs of a part that count for the next one, too, as in "hold 1 m, then 2 m". After "up 1 m" the next value
-    could be a change or a place, so there is none.
-    """
-    done = [command for command in commands if not isinstance(command, Wait)]
-    last = done[-1] if done else None
-    if last and not (isinstance(last, Move) and not any(goal.relative or goal.share for goal in last.goals)):
-        return []
-    carried = [symbol for symbol in before[-1].verbs if symbol.value in CARRIED] if before else []
-    return carried or [Symbol("V", "go", "go")]
-
-
-def _held(commands: Sequence[Command], each: Quantity, seconds: float) -> list[Command]:
-    """Moves with as long a hold each. Raises UserError where there are not several, or one has its own."""
-    moves = [command for command in commands if isinstance(command, Move) and not command.hold]
-    if len(moves) < max(2, len(commands)) or each.base != TIME:
-        raise UserError(f"{each.text!r} of what? say 'for 2 s' behind each value")
-    return [replace(move, hold=seconds) for move in moves]
-
-
-def _acts(commands: Sequence[Command]) -> bool:
-    """Whether commands lead somewhere, which "there" and "again" may mean."""
-    return any(not isinstance(command, Repeat) for command in commands)
-
-
-def _arrival(clause: Clause) -> Command:
-    """What "and stop there" asks for: to stay."""
-    if clause.quantities or clause.targets or clause.directions:
-        raise UserError("'stop' works at once: say 'go to' or 'hold' where the rig is to stay")
-    return Wait(seconds=0.0)
-
-
-def _alone(clause: Clause) -> bool:
-    """Whether a clause says nothing beside a condition or a delay."""
-    return not (
-        clause.quantities or clause.shares or clause.targets or clause.directions or clause.names or clause.here
-        or clause.comparatives or clause.nouns
-    )  # fmt: skip
 
 
 def _condition(clause: Clause, vocabulary: Vocabulary) -> Condition:

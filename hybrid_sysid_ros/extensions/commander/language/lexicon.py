@@ -154,7 +154,22 @@ class Lexicon:
         """Phrases of conditions and of other words that are looked for in their place only."""
         return {
             category: frozenset(tuple(folded(phrase).split()) for phrase in self.table.get(category, ()))
-            for category in (*CONDITION, "articles", "point", "object", "to", "ask", "definite", "steps", "applied")
+            for category in (
+                *CONDITION,
+                "articles",
+                "point",
+                "object",
+                "to",
+                "ask",
+                "definite",
+                "steps",
+                "applied",
+                "correction",
+                "negation",
+                "again",
+                "whole",
+                "middle",
+            )
         }
 
     @cached_property
@@ -194,7 +209,7 @@ class Lexicon:
     def words(self) -> frozenset[str]:
         """All single words that mean something somewhere."""
         phrases = [*self.meanings, *self.units, *(phrase for part in self.parts.values() for phrase in part)]
-        single = {*self.table["numbers"], *self.table["signs"], *self.table["parts_of"]}
+        single = {*self.table["numbers"], *self.table["signs"], *self.table["parts_of"], *self.table["sizes"]}
         single |= {word for each in self.courtesies for word in re.findall(r"[a-z]+", each.pattern)}
         return frozenset(word for phrase in phrases for word in phrase) | single
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from hybrid_sysid_ros.extensions.commander.language.bare_numbers import BareNumbers
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause
-from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.notes import FilledSlot, Notes, is_time
 from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG, sentence_parts
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
-from hybrid_sysid_ros.extensions.commander.language.shared_units import share_units, with_units_of_lists
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
 from hybrid_sysid_ros.support.errors import UserError
@@ -18,13 +18,13 @@ from hybrid_sysid_ros.support.errors import UserError
 GO = Symbol("V", "go", "go")
 
 
-def clauses(found: Sequence[Symbol], vocabulary: Vocabulary) -> list[Clause]:
+def clauses(found: Sequence[Symbol], vocabulary: Vocabulary, lexicon: Lexicon) -> list[Clause]:
     """The clauses of a sentence. Raises UserError for what can't be read, in a line that says what to write instead."""
-    made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(with_units_of_lists(found))]
+    found = BareNumbers(found, vocabulary, lexicon).with_units()
+    made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(found)]
     made = _with_paces([clause for clause in made if not clause.empty])
     if not made:
         raise UserError("this asks for nothing: say for example 'go to', 'hold', 'swing between', 'home' or 'stop'")
-    share_units(made, vocabulary)
     if len(made) > MOST:
         raise UserError(f"{len(made)} parts: a command has {MOST} at most; for more, follow a file")
     return made

@@ -39,6 +39,14 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             raise UserError(f"{symbol.text!r}: {symbol.value}")
         if symbol.text == "?" and before and not re.search("[VUwyMZz]", before):
             raise UserError("is that a question, or a command? say it with a verb, as in 'go to' or 'hold'")
+        if (
+            symbol.kind == ","
+            and before in ("Q", "Qo")
+            and _is_count(made[-1][0])
+            and is_level(found[k + 1] if following else None)
+        ):
+            made[-1:] = [made[-1][:1], []]  # "20 times (0 rpm, 2 s; 100 rpm, 2 s)"
+            continue
         if symbol.text == ":" and re.fullmatch("V?J?[QS]", before) and _is_count(made[-1][-1]):
             made[-1] = made[-1][-1:]  # "three times: ...", "repeat 3 times: ..."
             made.append([])

@@ -32,7 +32,7 @@ _LETTERS: Sequence[
     ("increment", r"sQ|[IWo]?\^"),
     ("count_of_steps", "[IWoi]?#(?:oQW?e?)?"),
     ("together", "t"),
-    ("each", "[RWo]?QW?e(?:(?=[RWo]?Qe)|(?!Q|R))|eRQ"),
+    ("each", "[RWo]?QW?e(?:(?=[Wo]?Qe)|(?!Q|R))|eRQe?"),
     ("at", "WQ(?:o[KO])?"),
     ("later", "I?QE"),
     ("to", "T(?:KoO|KO|OK|K|O)o?Q"),

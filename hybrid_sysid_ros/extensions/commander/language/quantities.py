@@ -58,6 +58,9 @@ class QuantityReader:
                 raise UserError("two signs before a number: write one")
             sign, self.at = signs[self.word()], self.at + 1
         token = self.tokens[self.at]
+        if size := self.lexicon.table["sizes"].get(self.word()):  # "in hundreds"
+            self.at += 1
+            return Symbol("^", (float(size), self.unit_here()), token.text)
         if share := self.share_of_a_unit():  # before "one", which "one half" begins with
             value = share
         elif self.longest(self.lexicon.parts_of_one) or self.longest(self.lexicon.verbs_of_numbers):
@@ -182,10 +185,11 @@ class QuantityReader:
         """Whether "a metre" says one metre; the article is taken."""
         if (self.word(),) not in self.lexicon.parts["articles"] or self.word() not in ("a", "an", "um", "uma"):
             return False
-        if self.longest(self.lexicon.units, skip=1) or (
-            self.at + 1 < len(self.tokens) and self._unit_at(self.at + 1) is not None
+        skip = 1 + self.longest(self.lexicon.parts["whole"], skip=1)
+        if self.longest(self.lexicon.units, skip=skip) or (
+            self.at + skip < len(self.tokens) and self._unit_at(self.at + skip) is not None
         ):
-            self.at += 1
+            self.at += skip
             return True
         return False
 

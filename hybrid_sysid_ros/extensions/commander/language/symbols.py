@@ -6,7 +6,7 @@ import re
 from collections.abc import Container, Iterator, Sequence
 from typing import Any
 
-from hybrid_sysid_ros.extensions.commander.language.conditions import ConditionReader
+from hybrid_sysid_ros.extensions.commander.language.corrections import CorrectionReader
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Lexicon, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.paraphrases import written_out
 from hybrid_sysid_ros.extensions.commander.language.parts import is_level
@@ -67,7 +67,7 @@ def _tokens(text: str, whole: Container[str]) -> Iterator[Token]:
             yield Token(kind, match[kind])
 
 
-class _Reader(ConditionReader):
+class _Reader(CorrectionReader):
     """Reads tokens from left to right."""
 
     def symbols(self) -> list[Symbol]:
@@ -109,7 +109,9 @@ class _Reader(ConditionReader):
         single = {**self.lexicon.meanings, **self.vocabulary.phrases}
         own = tuple(each for each in candidates if (each,) in single)
         units = tuple(each for each in candidates if (each,) in self.lexicon.units)
-        candidates = (after_number and units) or own or candidates
+        if after_number:  # "5 holes" is no "hold 5"
+            own = tuple(each for each in own if "V" not in {kind for kind, _ in self.lexicon.meanings.get((each,), ())})
+        candidates = (after_number and units) or own or (() if after_number else candidates)
         meanings = {single.get((each,), self.lexicon.units.get((each,), each)) for each in candidates}
         refused = any(kind == "!" for each in candidates for kind, _ in self.lexicon.meanings.get((each,), ()))
         a_number = any(each in self.lexicon.table["numbers"] for each in candidates)
@@ -159,7 +161,7 @@ class _Reader(ConditionReader):
     def phrase(self) -> None:
         """The longest phrase that begins here, of the language or of the rig."""
         words = self.words[self.at :]
-        if self.condition():
+        if self.corrected() or self.condition():
             return
         own, count = (
             self.vocabulary.longest(words, self.lexicon),
@@ -233,6 +235,10 @@ class _Reader(ConditionReader):
                 return
             if not self.vocabulary.of_kind(noun):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
+        if ("u", "home") in meanings and (said,) in self.lexicon.parts["middle"] and self._number_follows(1):
+            meanings = [("A", "around")]
+        if ("B", "between") in meanings and self._ends(len(said.split())):  # "5 s between"
+            meanings = [("e", "every")]
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind not in "hn!"]
         before = self.found[: -len(meanings)]
         kinds = "".join(each.kind for each in before)
@@ -240,6 +246,10 @@ class _Reader(ConditionReader):
             self.found = [*before[:-1], self.found[-1], Symbol("Y", "by", ""), before[-1]]  # "a 2 m step"
         for noun in [value for kind, value in meanings if kind == "h"]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
+
+    def _ends(self, count: int) -> bool:
+        """Whether so many words end a part."""
+        return self.at + count >= len(self.tokens) or self.tokens[self.at + count].kind == "mark"
 
     def _in_time(self, skip: int) -> bool:
         """Whether a time follows, as in "to a stop in 5 s"."""

@@ -134,14 +134,21 @@ class Values:
                 return item.value
             if not relative and (in_all := self.counted(item.value, shown)) != item.value:
                 return in_all  # a height of 33600 can be nothing else
-            raise UserError(
-                f"{item.value:g} of what? {shown.name} is in {shown.unit}: say '{item.value:g} {shown.unit}'"
-            )
+            raise UserError(f"{item.value:g} of what? say {self.readings(item, output)}")
         if item.unit.base == PERCENT:
             if relative:
                 return 0.01 * item.value * 0.5 * (shown.high - shown.low)
             return 0.01 * abs(item.value) * (shown.low if item.value < 0.0 else shown.high)
         return self.shown(item, shown) if relative else self.counted(self.shown(item, shown), shown)
+
+    def readings(self, item: Quantity, output: int) -> str:
+        """What a number without a unit could be."""
+        travels = self.vocabulary.si(self.vocabulary.outputs[output])
+        units = [self.vocabulary.outputs[output].unit]
+        units += [] if self.vocabulary.only_unit(output) else [{"rad": "deg"}.get(travels, travels)]
+        said = [f"'{item.value:g} {unit}'" for unit in units]
+        held = item.role == "" and any(symbol.value == "hold" for symbol in self.clause.verbs)
+        return " or ".join([*said, *([f"'for {item.value:g} s'"] if held else [])])
 
     def counted(self, value: float, output: SetPointRange) -> float:
         """A value from the operating point: one that is in reach only in all counts in all."""

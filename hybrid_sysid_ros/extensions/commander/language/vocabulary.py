@@ -153,6 +153,11 @@ class Vocabulary:
         shown = self.outputs[output]
         return units.of_rig(shown.unit), units.of_rig(self.si(shown))
 
+    def only_unit(self, output: int) -> Unit | None:
+        """That in which an output may be given, where what it is shown in measures the same as what it travels in."""
+        shown, travels = self.units_of(output)
+        return shown if shown.alike(travels) else None
+
     def of_kind(self, noun: str) -> list[int]:
         """Tracked outputs that a general word such as "speed" or "angle" may mean."""
         wanted = {

@@ -1,0 +1,146 @@
+"""Bare numbers: a number without a unit in the place of a value has the unit that was said of its output, or else the
+only one in which the rig's file shows it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
+from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs.units import FREQUENCY, TIME, Unit
+
+NO_VALUE_AFTER = re.compile(r"(?:[RrLDeE#<Ii]A?|[fq]o?[TYW]?|Qe)$")
+"""Letters before a number that could be a time, a count or a frequency."""
+VALUE_AFTER = re.compile(r"(?:[TFBYApsUMdz+KOPolakw]|[TFBUz+]A|Qj)$")
+"""Letters before a value: a preposition, a direction, a name, a condition, or the value before in a list."""
+LISTED = re.compile(r"Q(?:,Q)+,?$")
+TIMED = re.compile("[RrL]A?$")
+"""Letters before what can only be a time, where one was said before: "for 8 s, ... for another 8"."""
+TIMELESS = frozenset({"hold", "wait", "still", "repeat", "follow", "halt", "undo", "chirp"})
+"""Verbs behind which a number could as well be a time, a count or a frequency."""
+
+
+class BareNumbers:
+    """Of one sentence."""
+
+    def __init__(self, found: Sequence[Symbol], vocabulary: Vocabulary, lexicon: Lexicon) -> None:
+        self.found, self.vocabulary, self.lexicon = list(found), vocabulary, lexicon
+        self.given = tuple(found)
+        self.letters = "".join(symbol.kind for symbol in found)
+        self.moving = [k for k in vocabulary.tracked if vocabulary.outputs[k].moves]
+        self.output = self.moving[0] if len(self.moving) == 1 else None
+        """Of which a value at this place is; None where that is not certain."""
+        self.time: Unit | None = None
+        """That was said last."""
+
+    def with_units(self) -> list[Symbol]:
+        """The symbols, with units where these leave no doubt."""
+        for k, symbol in enumerate(self.found):
+            if symbol.kind == "Q" and symbol.value[1] is not None and symbol.value[1].base == TIME:
+                self.time = symbol.value[1]
+            if len(self.moving) > 1:
+                self.follow(k, symbol)
+            if (
+                symbol.kind not in "Q^"
+                or symbol.value[1] is not None
+                or (not symbol.value[0] and not self.one_spoken_of(k))
+            ):
+                continue
+            unit = self.time if TIMED.search(self.letters[:k]) else self.unit(k)
+            if unit is not None and (symbol.kind == "^" or unit is self.time or self.is_value(k)):
+                self.found[k] = symbol._replace(value=(symbol.value[0], unit))
+        return self.found
+
+    def follow(self, k: int, symbol: Symbol) -> None:
+        """Which output is spoken of behind a symbol: the one named, moved by the verb, or measured in the unit."""
+        if symbol.kind == "O":
+            self.output = symbol.value if symbol.value in self.moving else None
+        elif symbol.kind == "K":
+            self.output = self.only(self.vocabulary.of_kind(symbol.value)) if symbol.value != "value" else self.output
+        elif symbol.kind == "V" and symbol.value not in TIMELESS and (base := self.moved_by(symbol)):
+            self.output = self.only([each for each in self.moving if self.vocabulary.units_of(each)[1].base == base])
+        elif symbol.kind == "Q" and (own := self.measured(symbol)) is not None:
+            self.output = own
+        elif symbol.kind == "Q" and (behind := re.match("o?O", self.letters[k + 1 :])):
+            self.output = self.found[k + behind.end()].value  # "100 in height"
+
+    def one_spoken_of(self, k: int) -> bool:
+        """Whether a 0 of several outputs is of the one that was spoken of before, in this sentence."""
+        before = self.found[:k]
+        named = {symbol.value for symbol in before if symbol.kind == "O"} | {self.measured(symbol) for symbol in before}
+        return (
+            len(self.moving) > 1
+            and named - {None} == {self.output}
+            and not any(each.kind == "l" for each in self.found)
+        )
+
+    def moved_by(self, verb: Symbol) -> str:
+        """The base of the unit in which a verb's motion is measured, as that of turning; "" where it says none."""
+        moved = self.lexicon.table["moved"]
+        return next((base for base, verbs in moved.items() if verb.text.split()[0] in verbs), "")
+
+    def only(self, outputs: Sequence[int]) -> int | None:
+        moving = [k for k in outputs if k in self.moving]
+        return moving[0] if len(moving) == 1 else None
+
+    def measured(self, symbol: Symbol) -> int | None:
+        """The output that is measured in a quantity's unit, where that is one."""
+        unit = symbol.value[1] if symbol.kind == "Q" else None
+        alike = [k for k in self.moving if unit and any(map(unit.alike, self.vocabulary.units_of(k)))]
+        return alike[0] if len(alike) == 1 else None
+
+    def unit(self, k: int) -> Unit | None:
+        """That of a bare number: what was said of the output last, or is next, or else what it is shown in."""
+        if self.output is None:
+            return None
+        return self.said(k) or self.vocabulary.only_unit(self.output)
+
+    def said(self, k: int) -> Unit | None:
+        """The unit that is said of the output nearest before a place, or else behind it."""
+        assert self.output is not None
+        own = self.vocabulary.units_of(self.output)
+        units = [
+            symbol.value[1]
+            if any(map(symbol.value[1].alike, own))
+            else next((unit for unit in own if unit.rate == symbol.value[1]), None)
+            for symbol in (*reversed(self.found[:k]), *self.found[k:])
+            if symbol.kind in "Q^" and symbol.value[1] is not None
+        ]
+        return next(filter(None, units), None)
+
+    def is_value(self, k: int) -> bool:
+        """Whether a number stands in the place of a value, and could be no time, count, share or frequency."""
+        begin = self.letters.rfind(";", 0, k) + 1
+        part = [symbol for symbol in self.found[begin:k] if symbol.kind not in "JH"]
+        before, after = "".join(symbol.kind for symbol in part), self.letters[k + 1 :]
+        verbs = {symbol.value for symbol in part if symbol.kind == "V"}
+        if re.match(r"[E#fqNx]|e(?!Q)|o?[fq]", after) or NO_VALUE_AFTER.search(before):
+            return before.endswith("i") and "U" in before
+        if self.paired(k):
+            return False
+        if before.endswith("W"):
+            return not verbs & SWUNG and "Q" not in before[before.rfind("V") + 1 :]
+        if before.endswith("V"):
+            return not verbs & TIMELESS and (
+                before[-2:-1] != "y" or re.match("[UMd]", after) is not None or self.place() or self.said(k) is not None
+            )
+        if before.endswith(","):
+            swung = after[:1] == "V" and self.found[k + 1].value in SWUNG  # "two either way"
+            return bool(swung or LISTED.search(before) or re.match("[,j]Q", after) or not re.search("Q,$", before))
+        return bool(VALUE_AFTER.search(before) or (not before and (begin or after)))
+
+    def place(self) -> bool:
+        """Whether the output is one whose values are places, which a verb of moving goes to or by."""
+        return self.output is not None and self.vocabulary.units_of(self.output)[1].per == 0
+
+    def paired(self, k: int) -> bool:
+        """Whether it is one end of a pair whose other one is a frequency."""
+        near = [
+            self.given[j]
+            for j in (k - 3, k - 2, k + 2)
+            if 0 <= j < len(self.found) and set(self.letters[min(j, k) + 1 : max(j, k)]) <= set("TjU")
+        ]
+        return any(symbol.kind == "Q" and symbol.value[1] and symbol.value[1].base == FREQUENCY for symbol in near)

@@ -1,0 +1,119 @@
+"""Joining: how the commands of a sentence's parts go together, and what a part takes from those before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
+from hybrid_sysid_ros.extensions.commander.language.commands import (
+    Command,
+    Follow,
+    Home,
+    Move,
+    Repeat,
+    Sentence,
+    Undo,
+    Wait,
+)
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.values import Values
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs.units import TIME
+from hybrid_sysid_ros.support.errors import UserError
+
+CARRIED = ("go", "hold", "ramp", "step", "follow")
+"""Verbs that count for the next part, too, where it has a value and no verb."""
+
+
+def all_again(sentence: Sentence, rounds: int) -> Sentence:
+    """So many rounds of a sentence. Raises UserError for one that waits or stops."""
+    if sentence.later is not None or sentence.stops:
+        raise UserError(f"{rounds} times what waits or stops? say the parts without it")
+    return replace(sentence, commands=sentence.commands * rounds)
+
+
+def joined(before: list[Command], made: Command, said: str) -> list[Command]:
+    """Commands of which the last one and another move at the same time. Raises UserError for what can't."""
+    if not before:
+        raise UserError(f"{said!r} what? say both values in one part, as in 'height 100 m and speed 10 m/s in 60 s'")
+    last = before[-1]
+    plain = [isinstance(each, Move) and each == Move(goals=each.goals, shape="smooth") for each in (last, made)]
+    if not (isinstance(last, Move) and isinstance(made, Move) and all(plain)):
+        raise UserError(f"{said!r}: say both values in one part, as in 'height 100 m and speed 10 m/s in 60 s'")
+    goals = (*last.goals, *made.goals)
+    if len({goal.output for goal in goals}) < len(goals):
+        raise UserError(f"{said!r}: one output has one value at a time: join the parts by 'then'")
+    return [*before[:-1], replace(last, goals=goals)]
+
+
+def repeated(before: list[Command], made: Command, times: int, *, joined: bool) -> list[Command]:
+    """Commands and another one so many times, or all of them where that one alone would come to nothing new; "and back"
+    goes with the part before. Raises UserError where it is unclear what is done again.
+    """
+    alone = isinstance(made, Follow) or (isinstance(made, Move) and all(goal.relative for goal in made.goals))
+    if times == 1 or (alone and (not before or isinstance(made, Follow))):
+        return [*before, *[made] * times]
+    if alone or not before:
+        raise UserError(f"{times} times of what? say all parts, and then 'repeat {times} times'")
+    if isinstance(made, Undo):
+        if made.seconds is not None and isinstance(before[-1], Move) and before[-1].seconds is None and joined:
+            raise UserError(
+                f"in {made.seconds:g} s there and back, or back alone? say how long the way there takes, too"
+            )
+        return [*before[:-1], *[before[-1], made] * times]
+    return [*before, made] * times
+
+
+def carried(commands: Sequence[Command], before: Sequence[Clause]) -> list[Symbol]:
+    """The verbs of a part that count for the next one, too, as in "hold 1 m, then 2 m". After "up 1 m" the next value
+    could be a change or a place, so there is none.
+    """
+    done = [command for command in commands if not isinstance(command, Wait)]
+    last = done[-1] if done else None
+    if last and not (isinstance(last, Move) and not any(goal.relative or goal.share for goal in last.goals)):
+        return []
+    carried = [symbol for symbol in before[-1].verbs if symbol.value in CARRIED] if before else []
+    return carried or [Symbol("V", "go", "go")]
+
+
+def held(commands: Sequence[Command], each: Quantity, seconds: float) -> list[Command]:
+    """Moves with as long a hold each. Raises UserError where there are not several, or one has its own."""
+    moves = [command for command in commands if isinstance(command, Move) and not command.hold]
+    if len(moves) < max(2, len(commands)) or each.base != TIME:
+        raise UserError(f"{each.text!r} of what? say 'for 2 s' behind each value")
+    return [replace(move, hold=seconds) for move in moves]
+
+
+def acts(commands: Sequence[Command]) -> bool:
+    """Whether commands lead somewhere, which "there" and "again" may mean."""
+    return any(not isinstance(command, Repeat) for command in commands)
+
+
+def arrival(clause: Clause) -> Command:
+    """What "and stop there" asks for: to stay."""
+    if clause.quantities or clause.targets or clause.directions:
+        raise UserError("'stop' works at once: say 'go to' or 'hold' where the rig is to stay")
+    return Wait(seconds=0.0)
+
+
+def moved(commands: Sequence[Command], outputs: set[int]) -> bool:
+    """Whether the last command moves one of some outputs, or any where none was named."""
+    goals = {goal.output for goal in commands[-1].goals} if commands and isinstance(commands[-1], Move) else set[int]()
+    return bool(goals & outputs if outputs else goals)
+
+
+def brought_to_rest(clause: Clause, vocabulary: Vocabulary) -> Command:
+    """What a stop that takes its time asks for: all outputs to 0, where these are speeds that have a rest."""
+    moving = {k for k in vocabulary.tracked if vocabulary.outputs[k].moves}
+    if moving != {*vocabulary.of_kind("rest")} or not alone(clause):
+        raise UserError("'stop' works at once: say where to go, and how fast")
+    return Home(pace=clause.paces[0], seconds=None if clause.delay is None else Values(clause, vocabulary).delay())
+
+
+def alone(clause: Clause) -> bool:
+    """Whether a clause says nothing beside a condition or a delay."""
+    return not (
+        clause.quantities or clause.shares or clause.targets or clause.directions or clause.names or clause.here
+        or clause.comparatives or clause.nouns
+    )  # fmt: skip
