@@ -154,7 +154,7 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     # Numbers without a unit, where the output is certain and is shown in one.
     (WHEEL, "speed to 70, 7 s, then 140", [go(70, hold=7), go(140)]),
     (WHEEL, "10, then 20, then 30, four seconds each", [go(10, hold=4), go(20, hold=4), go(30, hold=4)]),
-    (CONE, "descend to minus two hundred and stay there for 45 s", [go(-200, "height", hold=45)]),
+    (CONE, "descend to minus two hundred and stay there for 45 s", [go(-200, "height"), wait(45)]),
     (DRILL, "30 rpm, then 40", [go(3.14159265358979), go(4.1887902047864)]),
     (WHEEL, "hold 20", Refused("'20 rpm' or 'for 20 s'")),
     (WHEEL, "go 100", Refused("100 of what")),
