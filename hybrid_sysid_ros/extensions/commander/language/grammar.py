@@ -19,14 +19,14 @@ from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.joining import (
     acts,
     all_again,
-    alone,
     arrival,
     brought_to_rest,
     carried,
-    held,
+    has_moved,
+    held_each,
     joined,
-    moved,
     repeated,
+    stands_alone,
 )
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.matcher import clauses
@@ -143,7 +143,7 @@ def _stage(
             )
             condition = _condition(clause, vocabulary)
             settles = condition.settled
-            waits = verbs in ([], ["wait"]) and alone(clause)
+            waits = verbs in ([], ["wait"]) and stands_alone(clause)
             if until and "halt" in verbs:
                 raise UserError("'stop' works at once: let it stand alone, or at the end")
             if until and not waits:
@@ -183,8 +183,10 @@ def _stage(
             if not clause.then and all(isinstance(command, Repeat) for command in commands):
                 commands = []  # "again, stop!"
             return Sentence(text=text, commands=tuple(commands), stops=True)
-        lasting = clause.each is not None and alone(clause) and verbs in ([], ["hold"], ["wait"])  # "stay 5 s at each"
-        if not ((clause.delay is not None and alone(clause) and not verbs) or lasting):
+        lasting = (
+            clause.each is not None and stands_alone(clause) and verbs in ([], ["hold"], ["wait"])
+        )  # "stay 5 s at each"
+        if not ((clause.delay is not None and stands_alone(clause) and not verbs) or lasting):
             behind = acts(commands) or (reached and verbs == ["hold"])
             joint, clause.together = (clause.together, "") if commands else ("", clause.together)
             if clause.comparatives and not k and len(found) > 1 and not found[1].then and not clause.quantities:
@@ -196,7 +198,7 @@ def _stage(
             other = k > 0 and [verb.text for verb in clause.verbs] != [verb.text for verb in found[k - 1].verbs]
             if commands == [made] == [Repeat()] and other and not JOINED.search(text):
                 continue  # "one more time, same as before"
-            if re.search(r"\b(?:is|are|esta)\b", here) and isinstance(made, Wait) and moved(commands, kept):
+            if re.search(r"\b(?:is|are|esta)\b", here) and isinstance(made, Wait) and has_moved(commands, kept):
                 raise UserError(f"{here!r}: where it is now, or is then? say 'stay there', or leave it out")
             joint = joint or ("while" if clause.meanwhile and not isinstance(made, Wait) else "")
             commands = (
@@ -205,7 +207,7 @@ def _stage(
                 else repeated(commands, made, meaning.times, joined=not clause.then)
             )
         if clause.each is not None:
-            commands = held(commands, clause.each, Values(clause, vocabulary).time(clause.each))
+            commands = held_each(commands, clause.each, Values(clause, vocabulary).time(clause.each))
     return Sentence(text=text, commands=tuple(commands))
 
 

@@ -77,7 +77,7 @@ def carried(commands: Sequence[Command], before: Sequence[Clause]) -> list[Symbo
     return carried or [Symbol("V", "go", "go")]
 
 
-def held(commands: Sequence[Command], each: Quantity, seconds: float) -> list[Command]:
+def held_each(commands: Sequence[Command], each: Quantity, seconds: float) -> list[Command]:
     """Moves with as long a hold each. Raises UserError where there are not several, or one has its own."""
     moves = [command for command in commands if isinstance(command, Move) and not command.hold]
     if len(moves) < max(2, len(commands)) or each.base != TIME:
@@ -97,7 +97,7 @@ def arrival(clause: Clause) -> Command:
     return Wait(seconds=0.0)
 
 
-def moved(commands: Sequence[Command], outputs: set[int]) -> bool:
+def has_moved(commands: Sequence[Command], outputs: set[int]) -> bool:
     """Whether the last command moves one of some outputs, or any where none was named."""
     goals = {goal.output for goal in commands[-1].goals} if commands and isinstance(commands[-1], Move) else set[int]()
     return bool(goals & outputs if outputs else goals)
@@ -106,12 +106,12 @@ def moved(commands: Sequence[Command], outputs: set[int]) -> bool:
 def brought_to_rest(clause: Clause, vocabulary: Vocabulary) -> Command:
     """What a stop that takes its time asks for: all outputs to 0, where these are speeds that have a rest."""
     moving = {k for k in vocabulary.tracked if vocabulary.outputs[k].moves}
-    if moving != {*vocabulary.of_kind("rest")} or not alone(clause):
+    if moving != {*vocabulary.of_kind("rest")} or not stands_alone(clause):
         raise UserError("'stop' works at once: say where to go, and how fast")
     return Home(pace=clause.paces[0], seconds=None if clause.delay is None else Values(clause, vocabulary).delay())
 
 
-def alone(clause: Clause) -> bool:
+def stands_alone(clause: Clause) -> bool:
     """Whether a clause says nothing beside a condition or a delay."""
     return not (
         clause.quantities or clause.shares or clause.targets or clause.directions or clause.names or clause.here
