@@ -13,10 +13,10 @@ from benchmarks import loop_fuzz
 from hybrid_sysid_ros.control.mpc.calls import HELD
 from hybrid_sysid_ros.estimation import monitored_estimator
 from hybrid_sysid_ros.extensions.export import compiler
-from hybrid_sysid_ros.extensions.export.unit import daqp_source, folder, stack_use, unit
+from hybrid_sysid_ros.extensions.export.unit import built, daqp_source, folder, stack_use, unit
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
-from hybrid_sysid_ros.extensions.export.unit.replay import SPELL, recorded
+from hybrid_sysid_ros.extensions.export.unit.replay import SPELL, answers_of, largest_difference, recorded
 from hybrid_sysid_ros.extensions.export.unit.unit import affine_initial_states
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -99,22 +99,48 @@ def joint():
     return rig, loop_in_python(rig, hs.load_model(shipped("flexible_joint", "model")), {"real_time": True})
 
 
-def test_what_is_printed_does_not_depend_on_where_arrays_are(joint):
-    rig, python = joint
+def texts_of(rig, python):
+    loop = unit.loop_of(rig, python)
+    printer = unit.translated(loop, python.estimator._arrays, "joint", single=False)
+    return unit.texts(printer, loop, title="", about={}, seal="", soft=python.mpc.shooting.memory[-1])
+
+
+@pytest.fixture(scope="module")
+def texts(joint):
+    return texts_of(*joint)
+
+
+@pytest.fixture(scope="module")
+def written(texts, tmp_path_factory):
+    """The folder of a unit."""
+    place = tmp_path_factory.mktemp("unit")
+    for file, text in texts.items():
+        (place / file).write_text(text)
+    daqp_source.copy_to(daqp_source.daqp(), place / "daqp")
+    return place
+
+
+def test_what_is_printed_does_not_depend_on_where_arrays_are(joint, texts):
+    rig, _ = joint
     other = loop_in_python(rig, hs.load_model(shipped("flexible_joint", "model")), {"real_time": True})
-    texts = []
-    for each in (python, other):
-        loop = unit.loop_of(rig, each)
-        printer = unit.translated(loop, each.estimator._arrays, "joint", single=True)
-        texts.append(unit.texts(printer, loop, title="", about={}, seal="", soft=each.mpc.shooting.memory[-1]))
-    assert texts[0] == texts[1]
-    assert "joint_mean_of(" in texts[0]["joint.c"]
-    assert "joint_mean_of_2(" not in texts[0]["joint.c"], "there is one filter"
+    assert texts_of(rig, other) == texts
+    assert "joint_mean_of(" in texts["joint.c"]
+    assert "joint_mean_of_2(" not in texts["joint.c"], "there is one filter"
 
 
-def test_in_a_faulty_loop_a_sensor_is_left_out_and_a_second_estimate_brings_it_back(joint, monkeypatch):
-    """The unit is held to that loop, so that its second estimate is compared, too."""
+@needs_compiler
+@pytest.mark.parametrize(("flag", "reason"), [("-D__DBL_MANT_DIG__=24", "-mdouble=64"), ("-ffast-math", "ffast-math")])
+def test_a_target_that_would_answer_otherwise_is_refused_where_it_is_compiled(written, flag, reason):
+    ran = subprocess.run([COMPILER, flag, "-E", "joint.c"], cwd=written, capture_output=True, text=True, check=False)
+    assert ran.returncode
+    assert reason in ran.stderr
+
+
+@needs_compiler
+def test_in_a_faulty_loop_a_sensor_is_left_out_and_a_second_estimate_brings_it_back(joint, written, monkeypatch):
+    """In C as in Python, here of a rig with several sensors and without the compiler's optimisation."""
     rig, python = joint
+    python.command = np.zeros(len(rig.actuators))
     agreed, agrees = [], monitored_estimator.agrees
 
     def kept(*given):
@@ -122,10 +148,16 @@ def test_in_a_faulty_loop_a_sensor_is_left_out_and_a_second_estimate_brings_it_b
         return agreed[-1]
 
     monkeypatch.setattr(monitored_estimator, "agrees", kept)
-    recorded(rig, python, 2 * SPELL, faults=True)
+    asked, answers = recorded(rig, python, 2 * SPELL, faults=True)
     assert sum(python.monitored.monitor.counts) > 0
     assert any(agreed)
     assert not any(python.monitored.monitor.left_out)
+    library = built.build(COMPILER, written, "joint", written, flags=("-O0",))
+    made = built.BuiltUnit(library, "joint", single=False, **folder.sizes_of(unit.loop_of(rig, python)))
+    again, period = asked[:SPELL], python.estimator.period  # which begin anew
+    answers += answers_of(python, again, period)
+    differences = largest_difference(answers_of(made, [*asked, *again], period), answers)
+    assert max(differences.values()) <= folder.LOOSE
 
 
 class Asked:

@@ -4,6 +4,7 @@
  */
 #include "@name.h"
 
+#include <float.h>
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
@@ -11,6 +12,9 @@
 
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
 #error "-ffast-math (-ffinite-math-only) takes away the test for what is not a number: compile without it"
+#endif
+#if DBL_MANT_DIG < 53
+#error "a double has 32 bits here, which count time for minutes only: give the compiler its flag for 64 (-mdouble=64)"
 #endif
 
 /* A function of numbers side by side: they stay in vector registers where it is no part of another one. */
