@@ -31,7 +31,7 @@ from hybrid_sysid_ros.runtime.configuration import (
     shipped,
 )
 from hybrid_sysid_ros.runtime.controllers import controller_of, policy_folder
-from hybrid_sysid_ros.runtime.estimators import estimator_of
+from hybrid_sysid_ros.runtime.estimators import estimator_of, prediction_step
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -102,7 +102,7 @@ class EstimatorAdapter:
         self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
         self.inputs, self.commanded = Slots(layout.inputs, bounds=bounds), np.full(len(bounds), math.nan)
         """Of commands, the newest one of which (m,) acts where a measurement does not say what does; NaN: unknown."""
-        self.estimator = estimator_of(rig, system, settings)
+        self.estimator = estimator_of(rig, system, settings, step=prediction_step(model))
         self._checks_of = partial(loop_checks, model, dict(settings))
         self._further = layout.further
         self._kept = round(WINDOW * settings["rate"])

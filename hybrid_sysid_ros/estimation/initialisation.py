@@ -17,7 +17,7 @@ from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Array, Records
 
 LONGEST_STEP = 0.005
-"""Longest integration step of a prediction [s]; the models are identified at this step or a shorter one."""
+"""Longest integration step of a prediction [s] where a model was identified at this step or a shorter one."""
 
 LONGEST_GAP = 1.0
 """Time without a measurement [s] after which an estimator starts again from the next one."""

@@ -160,17 +160,17 @@ class MonitoredEstimator:
 
     def __init__(
         self, kind: type[Estimator], system: System, tuning: Tuning, settings: MonitorSettings, *, period: float,
-        latency: float,
+        latency: float, step: float = LONGEST_STEP,
     ) -> None:  # fmt: skip
-        """kind: the method. period, latency: see :class:`~.estimator.Estimator`.
+        """kind: the method. period, latency, step: see :class:`~.estimator.Estimator`.
 
         Raises UserError where no estimator can be made of these.
         """
         self.system, self.tuning, self.settings = system, tuning, settings
-        self._kind, self._period, self._latency = kind, period, latency
+        self._kind, self._period, self._latency, self._step = kind, period, latency, step
         self.limits = NEARLY * np.array(tuning.checked(system).disturbance_limit)
         self.limits[~(self.limits > 0.0) | (not settings.doubt_disturbance)] = math.inf
-        self._spare = spare_sensors(system, tuning, step=system.sampling_time or LONGEST_STEP)
+        self._spare = spare_sensors(system, tuning, step=system.sampling_time or step)
         others = {channel.of for channel in tuning.channels.values()}
         self._covered = [item.name in others for item in system.outputs]
         self._deviations = np.hypot(tuning.measurement_noise, tuning.hum_amplitude).tolist()
@@ -180,7 +180,7 @@ class MonitoredEstimator:
         self.begin()
 
     def _new(self) -> Estimator:
-        return self._kind(self.system, self.tuning, period=self._period, latency=self._latency)
+        return self._kind(self.system, self.tuning, period=self._period, latency=self._latency, step=self._step)
 
     def _monitor(self, spare: NDArray[np.bool_], largest: Sequence[float]) -> SensorMonitor:
         settings = self.settings

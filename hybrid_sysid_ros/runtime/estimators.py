@@ -7,7 +7,9 @@ from typing import Any
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import estimator_class
+from hybrid_sysid_ros.estimation.initialisation import LONGEST_STEP
 from hybrid_sysid_ros.estimation.monitored_estimator import MonitoredEstimator, MonitorSettings
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_tuning
 from hybrid_sysid_ros.runtime.limits import reading_ranges
@@ -23,12 +25,24 @@ def _reversible(rig: Rig) -> list[float]:
     return [0.0 if gains is None or not gains[j].any() else 1.0 for j in range(len(rig.actuators))]
 
 
+def prediction_step(model: Model) -> float:
+    """Longest step of an estimator's prediction [s]: the model's own, unless it was identified at shorter ones."""
+    return max(model.sampling.step, LONGEST_STEP)
+
+
 def estimator_of(
-    rig: Rig, system: System, settings: Mapping[str, Any], *, period: float | None = None, latency: float | None = None
+    rig: Rig,
+    system: System,
+    settings: Mapping[str, Any],
+    *,
+    period: float | None = None,
+    latency: float | None = None,
+    step: float = LONGEST_STEP,
 ) -> MonitoredEstimator:
     """The estimator that the settings choose, for the system of an :func:`~.configuration.estimator_model`.
 
-    period, latency [s]: by default those of the settings. Raises UserError where parameters and model don't fit.
+    period, latency [s]: by default those of the settings. step: :func:`prediction_step`. Raises UserError where
+    parameters and model don't fit.
     """
     known = zip(defaults(rig, "estimator")["measurement_noise"], rig.sensors, strict=True)
     large = [FAR * max(noise, sensor.floor) for noise, sensor in known]
@@ -54,4 +68,5 @@ def estimator_of(
         monitoring,
         period=1.0 / settings["rate"] if period is None else period,
         latency=settings["latency"] if latency is None else latency,
+        step=step,
     )

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.configuration import estimator_model
+from hybrid_sysid_ros.runtime.estimators import prediction_step
 
 
 def simulated_loop(
@@ -42,7 +43,8 @@ def simulated_loop(
     period = 1.0 / values["rate"] if isinstance(controller, Cascade) else controller.period
     rig.steps(period, "the period of the controller")
     tuning = configuration.estimator_tuning(values, rig, model.system)
-    estimator = estimator_class(values["method"])(model.system, tuning, period=period, latency=0.0)
+    kind = estimator_class(values["method"])
+    estimator = kind(model.system, tuning, period=period, latency=0.0, step=prediction_step(model))
     scales = np.array([display.scale for display in rig.display])
     controller.reset()
     return simulate_loop(

@@ -16,14 +16,30 @@ from hybrid_sysid_ros.estimation.sensor_bank import (
 )
 from hybrid_sysid_ros.estimation.sensor_monitor import SensorMonitor
 from hybrid_sysid_ros.estimation.sensor_monitoring import NONE
+from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.configuration import defaults
-from hybrid_sysid_ros.runtime.estimators import estimator_of
+from hybrid_sysid_ros.runtime.estimators import estimator_of, prediction_step
 
 STEP, BEGIN = 0.01, 1.0
 SPEED, YAW, RATE = 0, 1, 4
 """Of the robot's outputs."""
+
+
+@pytest.mark.parametrize(("identified", "steps"), [(0.01, 1), (0.005, 2), (0.001, 2)])
+def test_an_estimate_goes_on_by_the_steps_of_the_identification_or_by_5_ms(identified, steps):
+    rig = load("balancing_robot")
+    sampling = Sampling(step=identified, period=0.02)
+    model = Model(
+        rig="", structure="gray", system=rig.system, sampling=sampling, names=(), covariance=np.zeros((0, 0)),
+        training_range={},
+    )  # fmt: skip
+    estimator = estimator_of(rig, rig.system, defaults(rig, "estimator"), step=prediction_step(model))
+    for k in range(2):
+        estimator.update(k * STEP, np.zeros(5), np.zeros(2))
+    moments = estimator.filter._memory.moments["time"][: steps + 1]
+    np.testing.assert_allclose(moments, np.arange(steps + 1) * STEP / steps, atol=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_model, guard_settings
 from hybrid_sysid_ros.runtime.controllers import controller_of
-from hybrid_sysid_ros.runtime.estimators import estimator_of
+from hybrid_sysid_ros.runtime.estimators import estimator_of, prediction_step
 
 
 def guarded_loop(rig: Rig, model: Model, settings: Mapping[str, Any] | None = None) -> GuardedController:
@@ -27,7 +27,7 @@ def guarded_loop(rig: Rig, model: Model, settings: Mapping[str, Any] | None = No
     return GuardedController(
         controller_of(rig, model, given).controller,
         Guard(guard_settings(given, rig, model.system)),
-        estimator_of(rig, model.system, values, latency=given["latency"]),
+        estimator_of(rig, model.system, values, latency=given["latency"], step=prediction_step(model)),
         rest=np.array([actuator.rest for actuator in rig.actuators]),
         lead=model.system.delay + given["latency"],
     )

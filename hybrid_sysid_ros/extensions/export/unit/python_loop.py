@@ -27,7 +27,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, estimator_model, guard_settings
 from hybrid_sysid_ros.runtime.controllers import controller_of
-from hybrid_sysid_ros.runtime.estimators import estimator_of
+from hybrid_sysid_ros.runtime.estimators import estimator_of, prediction_step
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -164,7 +164,7 @@ def loop_in_python(
     mpc = made.supervisor.mpc if made.supervisor else inner
     if not isinstance(mpc, ExactMpc):
         raise UserError(f"export: a {type(inner).__name__} can't be printed as C; give the exact MPC or a supervisor")
-    monitored = estimator_of(rig, model.system, values, latency=given["latency"])
+    monitored = estimator_of(rig, model.system, values, latency=given["latency"], step=prediction_step(model))
     rest = np.array([actuator.rest for actuator in rig.actuators])
     guard = Guard(guard_settings(given, rig, model.system))
     lead = model.system.delay + given["latency"]
