@@ -112,7 +112,8 @@ def changes_of(
     if turned := list(compared.changes_of_sign()):
         yield from turned
         return
-    scales, lags = compared.other_scale(), compared.other_delay()
+    scales = compared.other_scale()
+    lags = None if signal.rough else compared.other_delay()  # noise moves the lag at which a piece fits best
     if scales is not None:
         ratio = float(np.exp(scales.inside - scales.outside))
         yield RecordFinding(

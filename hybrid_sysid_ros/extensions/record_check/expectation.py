@@ -44,10 +44,9 @@ def expected_outputs(record: Record, rig: Rig) -> Array | None:
             _, outputs = rollouts(rig.system, starts, state[None], experiment.inputs, step=step, every=every)
         return np.asarray(outputs).reshape(-1, record.output.shape[1])[: record.samples]
 
-    hidden = rig.system.record_map().unobserved
-    first = initial_state(rig.system, experiment) if hidden else experiment.states[0]
+    first = initial_state(rig.system, experiment)
     push = PUSH * np.maximum(np.abs(experiment.states).max(axis=0), PUSH)
-    found, pushed = run(first.copy()), run(first + push)
+    found, pushed = run(first), run(first + push)
     if not (np.isfinite(found).all() and np.isfinite(pushed).all() and len(found) == record.samples):
         return None
     fell = np.ptp(found, axis=0) > FELL * np.ptp(record.output, axis=0)
