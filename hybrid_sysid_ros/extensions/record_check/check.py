@@ -54,7 +54,8 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     found += _unrelated(record, signals)
     found += (scaled := list(scaled_outputs(record, rig, [item for item in signals if not item.is_input])))
     if not (scaled or any(item.cost >= SILENT for item in found)):
-        expected, responses = expected_outputs(record, rig), list[RecordFinding]()
+        noisy = any(signal.rough for signal in signals if not signal.is_input)
+        expected, responses = expected_outputs(record, rig, noisy=noisy), list[RecordFinding]()
         if expected is not None:
             responses += levels_cut_off(record, rig, signals, expected)
             responses += () if responses else response_findings(record, rig, signals, expected)

@@ -23,10 +23,10 @@ FELL = 5.0
 """Motion in that of the record, from which a rig that is unstable at rest fell, and no loop held it."""
 
 
-def expected_outputs(record: Record, rig: Rig) -> Array | None:
+def expected_outputs(record: Record, rig: Rig, *, noisy: bool = False) -> Array | None:
     """What the rig's own physics make of the record's inputs, (samples, outputs); None where they grow beyond all
     numbers, forget where they began as an unstable rig does, or the record is too short. A rig with a stabiliser is
-    unstable, even if a fall ends its growth.
+    unstable, even if a fall ends its growth. noisy: whether outputs are too noisy to show a rate at the beginning.
     """
     if rig.experiments.stabiliser is not None:
         return None
@@ -44,7 +44,8 @@ def expected_outputs(record: Record, rig: Rig) -> Array | None:
             _, outputs = rollouts(rig.system, starts, state[None], experiment.inputs, step=step, every=every)
         return np.asarray(outputs).reshape(-1, record.output.shape[1])[: record.samples]
 
-    first = initial_state(rig.system, experiment)
+    searched = noisy or rig.system.record_map().unobserved
+    first = initial_state(rig.system, experiment) if searched else experiment.states[0].copy()
     push = PUSH * np.maximum(np.abs(experiment.states).max(axis=0), PUSH)
     found, pushed = run(first), run(first + push)
     if not (np.isfinite(found).all() and np.isfinite(pushed).all() and len(found) == record.samples):
