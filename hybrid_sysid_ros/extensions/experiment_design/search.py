@@ -38,8 +38,8 @@ FEWEST_SAMPLES = 20
 ASTRAY = 1e6
 """In the largest output of training: beyond, a system does not run."""
 BEYOND = 0.15
-"""Share of the trained range of an output by which an experiment may leave it: further out a law is a guess, and a fit
-to what happens there finds other minima.
+"""Share of the trained range of an output by which an experiment may leave it, if the law ends there or was learned:
+further out it is a guess, and a fit to what happens there finds other minima.
 """
 SHARE = 0.1
 """Of the rate of samples, those that drive or those that a fit sees, up to which frequencies are tried."""
@@ -59,7 +59,7 @@ class Bench:
     amplitude: float
     """Share of the actuators' range, and of the reach of a loop's output, that is used."""
     known: bool = False
-    """Whether outputs stay near what the model was trained on, see BEYOND."""
+    """Whether outputs of a law that is known where it was trained stay near that, see BEYOND."""
     systems: Sequence[System] = field(init=False)
     """The model, and what it could be as well."""
     _samples: WeakKeyDictionary[PlanSegment, Array] = field(init=False, default_factory=WeakKeyDictionary)
@@ -183,7 +183,7 @@ class Bench:
     def _ends(self) -> tuple[Array, Array]:
         """Lowest and highest value of each output, (outputs,). What is known has also been seen at rest."""
         low, high = self.rig.reach
-        if not self.known:
+        if not (self.known and is_known_where_trained(self.model.system)):
             return low, high
         trained = [self.model.training_range.get(item.name, (-np.inf, np.inf)) for item in self.rig.system.outputs]
         rests = [self.run(system, np.tile(self.spans[0], (self.steps, 1)))[1] for system in self.systems]
@@ -196,6 +196,12 @@ class Bench:
         """Share of the systems that stay within limits."""
         used = self.systems if systems is None else systems
         return float(np.mean([self.within(self.run(system, driving)[1]) for system in used]))
+
+
+def is_known_where_trained(system: System) -> bool:
+    """Whether a law was learned, or ends where its training did, as one that is held constant further out."""
+    most = np.ones(len(system.states))
+    return len(system.weights) > 0 or not np.array_equal(system.trained_on(-most, most).values, system.values)
 
 
 def exchanged(

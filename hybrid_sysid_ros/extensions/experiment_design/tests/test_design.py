@@ -102,13 +102,25 @@ def test_what_a_step_moves_in_a_fit_is_known_beforehand() -> None:
     assert known.deviations(information, pull)[1] == pytest.approx(np.hypot(known.deviations(information)[1], lag))
 
 
+@dataclass(frozen=True, kw_only=True)
+class EndingLag(ValveLag):
+    """A law that is held from the highest level of its training on."""
+
+    level_high: float = bounded(0.4, 0.0, 10.0, unit="m", fixed=True)
+
+    def trained_on(self, low: Any, high: Any) -> EndingLag:
+        return replace(self, level_high=float(high[0]))
+
+
 @pytest.mark.usefixtures("short")
-def test_an_experiment_stays_near_what_was_trained_but_where_it_is_for_new_cells() -> None:
-    narrow = replace(model(), training_range={"valve": (-1.0, 1.0), "level": (-0.4, 0.4)})
+def test_an_experiment_stays_near_what_was_trained_where_the_law_ends_there_and_not_for_new_cells() -> None:
+    everywhere = replace(model(), training_range={"valve": (-1.0, 1.0), "level": (-0.4, 0.4)})
+    narrow = replace(everywhere, system=EndingLag())
     found = designed(narrow, rig(), seconds=8.0, period=STEP)
     assert 0.4 < np.abs(found.outputs).max() <= 0.4 + BEYOND * 0.8
-    free = Bench(model=narrow, rig=rig(), seconds=8.0, period=STEP, amplitude=0.9)
-    assert free.within(np.full((3, 1), 1.5))
+    for trained, known in ((narrow, False), (everywhere, True)):
+        free = Bench(model=trained, rig=rig(), seconds=8.0, period=STEP, amplitude=0.9, known=known)
+        assert free.within(np.full((3, 1), 1.5))
 
 
 def test_a_lag_is_determined_best_by_a_sine_at_its_corner() -> None:
