@@ -13,13 +13,13 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.record_check.applied_input import levels_cut_off, of_held_input
-from hybrid_sysid_ros.extensions.record_check.contradiction import contradictions
+from hybrid_sysid_ros.extensions.record_check.contradiction import contradiction_findings
 from hybrid_sysid_ros.extensions.record_check.correction import scaled_outputs
 from hybrid_sysid_ros.extensions.record_check.expectation import expected_outputs, is_guessed
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding
 from hybrid_sysid_ros.extensions.record_check.plateau import plateau_findings
 from hybrid_sysid_ros.extensions.record_check.relation import wanders
-from hybrid_sysid_ros.extensions.record_check.repetition import repetitions
+from hybrid_sysid_ros.extensions.record_check.repetition import repetition_findings
 from hybrid_sysid_ros.extensions.record_check.response import response_findings
 from hybrid_sysid_ros.extensions.record_check.samples import CheckedSignal, sample_findings
 from hybrid_sysid_ros.extensions.shared.granger_causality import feedbacks_of
@@ -50,7 +50,7 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
     if any(signal.is_input and signal.span > 0.0 for signal in signals):
         found = [replace(item, cost=STILL) if item.kind == "no excitation" else item for item in found]
     found += _whole(record, signals)
-    found += repetitions(record)
+    found += repetition_findings(record)
     found += _unrelated(record, signals)
     found += (scaled := list(scaled_outputs(record, rig, [item for item in signals if not item.is_input])))
     if not (scaled or any(item.cost >= SILENT for item in found)):
@@ -68,7 +68,7 @@ def findings_of(record: Record, rig: Rig) -> list[RecordFinding]:
         found += responses
         found = [item for item in (of_held_input(item, record, rig, expected) for item in found) if item]
         if expected is not None and not is_guessed(rig) and all(item.kind == "another law" for item in found):
-            found = list(contradictions(record, rig, signals)) or found
+            found = list(contradiction_findings(record, rig, signals)) or found
     return sorted(found, key=lambda item: -item.cost)
 
 

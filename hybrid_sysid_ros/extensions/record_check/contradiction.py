@@ -26,7 +26,7 @@ ROUNDS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Correction:
+class SignalCorrection:
     """What would reconcile an output with the physics."""
 
     error: float
@@ -36,7 +36,7 @@ class Correction:
     cure: str
 
 
-def contradictions(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -> Iterator[RecordFinding]:
+def contradiction_findings(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -> Iterator[RecordFinding]:
     """Outputs that the physics of a rig miss by far, each with the correction that leaves little of it, if one does.
     signals: inputs and outputs, as a record has them.
     """
@@ -56,7 +56,7 @@ def contradictions(record: Record, rig: Rig, signals: Sequence[CheckedSignal]) -
         )  # fmt: skip
 
 
-def _corrections(record: Record, rig: Rig, k: int, signals: Sequence[CheckedSignal]) -> Iterator[Correction]:
+def _corrections(record: Record, rig: Rig, k: int, signals: Sequence[CheckedSignal]) -> Iterator[SignalCorrection]:
     """The best factor of each input and of an output, and the best offset of this."""
     inputs = [signal for signal in signals if signal.is_input]
     output = [signal for signal in signals if not signal.is_input][k]
@@ -74,13 +74,13 @@ def _corrections(record: Record, rig: Rig, k: int, signals: Sequence[CheckedSign
         ends = grid[max(near - 1, 0)], grid[min(near + 1, len(grid) - 1)]
         found = minimize_scalar(left, bounds=ends, method="bounded", options={"maxiter": 12})
         factor = f"{float(np.exp(found.x)):.3g}"
-        yield Correction(
+        yield SignalCorrection(
             error=float(found.fun), kind="scale", words=f"if {signal.name} is taken {factor} times",
             cure=f"has {signal.name} another unit or range? scale: {factor} of its column in import.yaml, or correct "
             "the rig's parameters",
         )  # fmt: skip
     offset = _offset(record, rig, k)
-    yield Correction(
+    yield SignalCorrection(
         error=_error(_shifted(record, k, offset), rig, k), kind="zero",
         words=f"if {output.name} is taken {output.shown(abs(offset))} {'lower' if offset > 0.0 else 'higher'}",
         cure=f"was the zero of {output.name} set elsewhere? offset of its column in import.yaml, or correct the law",

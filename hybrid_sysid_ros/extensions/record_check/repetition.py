@@ -16,7 +16,7 @@ DISTINCT = 0.5
 """Share of different rows in them: a rig that rests repeats itself, too."""
 
 
-def repetitions(record: Record) -> Iterator[RecordFinding]:
+def repetition_findings(record: Record) -> Iterator[RecordFinding]:
     """The beginning of inputs and outputs where it comes again. Noise does not, and a periodic motion does not without
     noise, since it begins elsewhere; so it is a copy.
     """
