@@ -25,7 +25,6 @@ from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.validation.bands import (
     LEVELS,
-    SHARE,
     bounded_errors,
     deviation_of,
     drawn_systems,
@@ -120,7 +119,7 @@ def loop_bands(model: Model, record: Record, rig: Rig, *, part: Part = Part()) -
     for other in others:
         squares += bounded_errors(other - found.simulated, found.measured) ** 2 / len(others)
     come_back = float(np.sqrt(np.mean(np.square(moved))))
-    deviation = deviation_of(come_back, growth, own.get(SHARE, 1.0) * squares)
+    deviation = deviation_of(come_back, growth, squares)
     halves = {level: float(own["widths"][f"{level:g}"]) * deviation for level in LEVELS}
     return LoopBands(
         name=record.name, time=found.time, forecast=found.simulated, measured=found.measured, halves=halves

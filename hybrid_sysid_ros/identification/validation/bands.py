@@ -2,14 +2,14 @@
 
 A run's deviation at each sample is
 
-    s^2 = max((growth floor)^2, floor^2 + share s_parameters^2),
+    s^2 = max((growth floor)^2, floor^2 + s_parameters^2),
 
 floor the root mean square of the errors of training records that were left out of the fit (:mod:`.left_out`). Errors
 of a run that goes farther are larger, as what a law does not say grows with the motion, or as other parameters move it.
 Both say how much larger, so that the larger one counts, and not their sum. growth is the excursion of the run, its root
 mean square about the training's mean, in the largest of a training record, and at least 1. s_parameters is from runs
-with parameters drawn from their covariance, and share what runs of systems that were fitted without a block differ by
-in the training records, in that, as in the jackknife+.
+with parameters drawn from their covariance; how far runs of systems that were fitted without a block are apart says
+less, since these know all but a block.
 
 A band of level p is as many deviations wide as hold a share p of these errors, and wider by Student's factor t(n) / z
 of 90 %, with n by how much the errors of one block are larger than those of another (:func:`freedom_of`).
@@ -39,8 +39,6 @@ from hybrid_sysid_ros.support.arrays import Array
 LEVELS = (0.5, 0.9)
 FLOOR = ("floor", "centre", "excursion")
 """What is known of each output."""
-SHARE = "share"
-"""The same, by which the mean square that parameters leave open counts; older models do not have it."""
 OFFSET, OFFSETS = 0.001, (0.0005, 0.004)
 """Offset of the inputs that is simulated, and least and largest that errors are taken for, in the span of training."""
 DRAWS = 4
@@ -98,11 +96,8 @@ def band_calibration(
         return {}
     fitted = [(item.outputs - run)[item.scored] for item, run in zip(experiments, runs, strict=True)]
     signed = [_errors_of(block, experiments[block.record]) for block in blocks] or fitted
-    given, others = list(zip(experiments, firsts, runs, strict=True)), [block.system for block in blocks]
-    drawn, apart = (
-        np.concatenate([_moved_by_others(used, item, *of)[item.scored] for item, *of in given])
-        for used in (drawn_systems(system, known), others)
-    )
+    given, others = list(zip(experiments, firsts, runs, strict=True)), drawn_systems(system, known)
+    drawn = np.concatenate([_moved_by_others(others, item, *of)[item.scored] for item, *of in given])
     offsets = OFFSET * known.spans
     moved = np.concatenate([_moved_by(system, item, offsets, *of)[item.scored] for item, *of in given])
     offset, found = [], dict[str, Any]()
@@ -113,16 +108,13 @@ def band_calibration(
         outputs = [record.outputs[record.scored, column] for record in experiments]
         centre = float(np.mean(np.concatenate(outputs)))
         excursion = float(max(excursion_of(part, centre) for part in outputs))
-        usual = float(np.mean(drawn[:, column]))
-        share = float(np.mean(apart[:, column])) / usual if blocks and usual > 0.0 else 1.0
-        ratios = np.abs(together) / deviation_of(floor, 1.0, share * drawn[:, column])
+        ratios = np.abs(together) / deviation_of(floor, 1.0, drawn[:, column])
         wider = student_factor(freedom_of(own, len(experiments))) if blocks else widening_of(own, known.effective)
         offset.append(OFFSET * floor / max(float(np.sqrt(np.mean(moved[:, column]))), 1e-300))
         found[item.name] = {
             "floor": floor,
             "centre": centre,
             "excursion": excursion,
-            SHARE: share,
             "widths": {f"{level:g}": wider * float(np.quantile(ratios, level)) for level in LEVELS},
             "correlation": correlation_time([part[:, column] for part in fitted]),
         }
@@ -141,9 +133,9 @@ def bands_of(model: Model, experiment: PreparedRecord) -> list[Band]:
     run = free_run_of(system, experiment, first)
     drawn = _moved_by_others(drawn_systems(system, known), experiment, first, run)
     own = [calibration["outputs"][item.name] for item in system.outputs]
-    floor, centre, excursion, share = (np.array([float(item.get(key, 1.0)) for item in own]) for key in (*FLOOR, SHARE))
+    floor, centre, excursion = (np.array([float(item[key]) for item in own]) for key in FLOOR)
     growth = np.maximum(excursion_of(run, centre) / excursion, 1.0)
-    deviation = deviation_of(floor, growth, share * drawn)
+    deviation = deviation_of(floor, growth, drawn)
     widths = [np.array([float(item["widths"][f"{level:g}"]) for item in own]) for level in LEVELS]
     return [Band(level=level, run=run, half=deviation * width) for level, width in zip(LEVELS, widths, strict=True)]
 
