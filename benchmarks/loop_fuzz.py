@@ -1,6 +1,6 @@
 """Exported loops asked what no rig would ask, under the sanitizers of the compiler.
 
-    python -m benchmarks.loop_fuzz [CALLS]
+    python -m benchmarks.loop_fuzz [CALLS] [RIG...]
 
 Of each rig's shipped model: estimator with the exact MPC in real time, and with the supervised policy. Readings,
 applied inputs, references and times are of any size, missing, infinite or no number. Each call must leave the inputs
@@ -91,15 +91,15 @@ def _loop(rig_name: str, policy: str, calls: int) -> str:
 
 def main(arguments: list[str]) -> int:
     """Run, print the table, write the results."""
-    calls = int(arguments[0]) if arguments else CALLS
-    machine, found = result.machine(), dict[str, str]()
+    calls = int(arguments.pop(0)) if arguments and arguments[0].isdecimal() else CALLS
+    machine, found, rigs = result.machine(), dict[str, str](), arguments or RIGS
     shown = Table("loop", "found", title=f"{calls} calls of each loop that no rig would ask, {len(SEEDS)} seeds")
-    loops = [(rig_name, policy) for rig_name in RIGS for policy in ("exact", "supervised")]
+    loops = [(rig_name, policy) for rig_name in rigs for policy in ("exact", "supervised")]
     for rig_name, policy in loops:
         found[f"{rig_name}, {policy}"] = said = _loop(rig_name, policy, calls)
         shown.add_row(f"{rig_name}, {policy}", said or "nothing")
         print(f"{rig_name}, {policy}: {said or 'nothing found'}", flush=True)
-        short = len(loops) - sum(not said for said in found.values())  # those that were not asked, too
+        short = 2 * len(RIGS) - sum(not said for said in found.values())  # those that were not asked, too
         content = {"found": found, "calls": calls, "asked_calls": CALLS, "short": short}
         result.write(NAME, content, on=machine)  # after each loop, for all of them take hours
     print_table(shown)
