@@ -66,7 +66,7 @@ def test_the_compiler_is_the_one_that_cc_names(tmp_path, monkeypatch):
 )
 def test_a_controller_that_can_t_be_printed_is_named(settings, what):
     rig, model = beam()
-    with pytest.raises(UserError, match=f"export: {what} can't be printed as C"):
+    with pytest.raises(UserError, match=f"{what} can't be printed as C"):
         loop_in_python(rig, model, settings)
 
 

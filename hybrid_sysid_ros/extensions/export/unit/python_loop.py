@@ -152,10 +152,10 @@ def loop_in_python(
     values = defaults(rig, "estimator") | dict(estimation or {})
     given = defaults(rig, "controller") | {"policy": "exact"} | dict(settings) | {"lockstep": True}
     if estimator_class(values["method"]) is not ExtendedKalmanFilter:
-        raise UserError(f"export: the estimator's method {values['method']} can't be printed as C; set method to ekf")
+        raise UserError(f"the estimator's method {values['method']} can't be printed as C; set method to ekf")
     if given["solver"] != "sqp" or given["policy"] == "network":
         raise UserError(
-            f"export: solver {given['solver']} with policy {given['policy']} can't be printed as C: give solver sqp "
+            f"solver {given['solver']} with policy {given['policy']} can't be printed as C: give solver sqp "
             "and policy exact or supervised"
         )
     model = estimator_model(rig, model)
@@ -163,7 +163,7 @@ def loop_in_python(
     inner = made.controller.controller if isinstance(made.controller, Cascade | WaitingInputs) else made.controller
     mpc = made.supervisor.mpc if made.supervisor else inner
     if not isinstance(mpc, ExactMpc):
-        raise UserError(f"export: a {type(inner).__name__} can't be printed as C; give the exact MPC or a supervisor")
+        raise UserError(f"a {type(inner).__name__} can't be printed as C; give the exact MPC or a supervisor")
     monitored = estimator_of(rig, model.system, values, latency=given["latency"], step=prediction_step(model))
     rest = np.array([actuator.rest for actuator in rig.actuators])
     guard = Guard(guard_settings(given, rig, model.system))
