@@ -77,7 +77,7 @@ def designed(
     def criterion(system: System, inputs: Array) -> float:
         if cells is not None:
             return -float(cells.new(system, inputs))
-        return worst_of(knowledge, fisher.shown(system, inputs), wanted)
+        return worst_of(knowledge, fisher.information(system, inputs), wanted)
 
     plan = exchanged(bench, criterion, seed=seed, progress=progress)
     driving = bench.driving(plan)
@@ -89,11 +89,11 @@ def designed(
     )  # fmt: skip
 
 
-def worst_of(knowledge: Knowledge, shown: tuple[Array, Array], wanted: Sequence[int]) -> float:
-    """The criterion: the logarithm of the largest relative variance of the wanted numbers after what an experiment has
-    shown, with what the integration step moves in a fit: at its worst where a law bends most.
+def worst_of(knowledge: Knowledge, information: Array, wanted: Sequence[int]) -> float:
+    """The criterion: the logarithm of the largest relative variance of the wanted numbers after an experiment with some
+    information. What the integration step moves is not in it: a finer step takes that away, and no experiment need.
     """
-    return float(np.log(np.max(np.square((knowledge.deviations(*shown) / knowledge.sizes)[list(wanted)]))))
+    return float(np.log(np.max(np.square((knowledge.deviations(information) / knowledge.sizes)[list(wanted)]))))
 
 
 def expected(bench: Bench, fisher: Fisher, knowledge: Knowledge, driving: Array) -> Array:
