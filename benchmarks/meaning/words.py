@@ -284,7 +284,7 @@ def measured(*, count: int = 100_000, seed: int = 0) -> tuple[Mapping[str, Any],
         Row("random texts beyond the limits", 0, random["beyond"], at_most=True),
         Row("tracebacks of random texts", 0, random["tracebacks"], at_most=True),
     ]
-    for name in ("sentences", "kept_sentences", "strangers", "later_strangers", "fresh_strangers"):
+    for name in ("sentences", "kept_sentences", "strangers", "later_strangers", "fresh_strangers", "plain_strangers"):
         found[name] = one = judged(examples(f"{name}.txt"))
         rows += [
             Row(f"{name}: moved otherwise than said", 0, len(one["wrong"]), at_most=True),

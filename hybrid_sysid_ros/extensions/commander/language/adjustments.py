@@ -39,6 +39,9 @@ class Adjustments(Goals):
     def changed(self) -> bool:
         """Whether a comparison says by how much a speed changes, as "5 rpm faster" does; it is a direction then."""
         ((factor, text), *more), speeds = self.clause.comparatives, self.vocabulary.of_kind("speed")
+        senses = {math.copysign(1.0, other - 1.0) for other, _ in more} | {way.value for way in self.clause.directions}
+        if senses == {math.copysign(1.0, factor - 1.0)} and len(self.left) == 1:
+            more, self.clause.directions = [], []  # "a bit slower, 5 rpm less"
         if not more and len(self.left) == 1 and self.left[0].base == PERCENT and self.left[0].role in ("", "by"):
             share = 0.01 * abs(self.left.pop().value)  # "20 % faster" is of what it is
             self.clause.comparatives = [(1.0 + math.copysign(share, factor - 1.0), text)]

@@ -14,11 +14,12 @@ from hybrid_sysid_ros.rigs.units import FREQUENCY, TIME, Unit
 
 NO_VALUE_AFTER = re.compile(r"(?:[RrLDeE#<Ii]A?|[fq]o?[TYW]?|Qe)$")
 """Letters before a number that could be a time, a count or a frequency."""
-VALUE_AFTER = re.compile(r"(?:[TFBYApsUMdz+KOPolakw]|[TFBUz+]A|Qj)$")
+VALUE_AFTER = re.compile(r"(?:[TFBYApsUMdZz+KOPolakw]|[TFBUz+]A|Qj)$")
 """Letters before a value: a preposition, a direction, a name, a condition, or the value before in a list."""
 LISTED = re.compile(r"Q(?:,Q)+,?$")
 TIMED = re.compile("[RrL]A?$")
 """Letters before what can only be a time, where one was said before: "for 8 s, ... for another 8"."""
+SECOND = Unit(TIME)
 TIMELESS = frozenset({"hold", "wait", "still", "repeat", "follow", "halt", "undo", "chirp"})
 """Verbs behind which a number could as well be a time, a count or a frequency."""
 
@@ -49,8 +50,9 @@ class BareNumbers:
                 or (not symbol.value[0] and not self.one_spoken_of(k))
             ):
                 continue
-            unit = self.time if TIMED.search(self.letters[:k]) else self.unit(k)
-            if unit is not None and (symbol.kind == "^" or unit is self.time or self.is_value(k)):
+            waits = k > 0 and self.found[k - 1].value == "wait"  # which only a time can be behind
+            unit = self.time or (SECOND if waits else None) if waits or TIMED.search(self.letters[:k]) else self.unit(k)
+            if unit is not None and (symbol.kind == "^" or waits or unit is self.time or self.is_value(k)):
                 self.found[k] = symbol._replace(value=(symbol.value[0], unit))
         return self.found
 
@@ -64,18 +66,18 @@ class BareNumbers:
             self.output = self.only([each for each in self.moving if self.vocabulary.units_of(each)[1].base == base])
         elif symbol.kind == "Q" and (own := self.measured(symbol)) is not None:
             self.output = own
+        elif symbol.kind == "Q" and self.letters[k + 1 : k + 2] == "M":  # "5 faster"
+            self.output = self.only(self.vocabulary.of_kind("speed"))
         elif symbol.kind == "Q" and (behind := re.match("o?O", self.letters[k + 1 :])):
             self.output = self.found[k + behind.end()].value  # "100 in height"
 
     def one_spoken_of(self, k: int) -> bool:
-        """Whether a 0 of several outputs is of the one that was spoken of before, in this sentence."""
+        """Whether a 0 is of the one output that was spoken of before, in this sentence."""
+        if len(self.moving) == 1:
+            return self.said(k) is not None
         before = self.found[:k]
         named = {symbol.value for symbol in before if symbol.kind == "O"} | {self.measured(symbol) for symbol in before}
-        return (
-            len(self.moving) > 1
-            and named - {None} == {self.output}
-            and not any(each.kind == "l" for each in self.found)
-        )
+        return named - {None} == {self.output} and not any(each.kind == "l" for each in self.found)
 
     def moved_by(self, verb: Symbol) -> str:
         """The base of the unit in which a verb's motion is measured, as that of turning; "" where it says none."""
@@ -129,7 +131,9 @@ class BareNumbers:
             )
         if before.endswith(","):
             swung = after[:1] == "V" and self.found[k + 1].value in SWUNG  # "two either way"
-            return bool(swung or LISTED.search(before) or re.match("[,j]Q", after) or not re.search("Q,$", before))
+            return bool(
+                swung or LISTED.search(before) or re.match("[,j]Q|[RI]Q|[UMd+]", after) or not re.search("Q,$", before)
+            )
         return bool(VALUE_AFTER.search(before) or (not before and (begin or after)))
 
     def place(self) -> bool:

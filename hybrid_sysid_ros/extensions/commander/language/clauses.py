@@ -103,6 +103,8 @@ class Clause:
     """A verb of moving, which leaves open whether a value is a place or a change; "change" does with a speed, too."""
     addressed: bool = False
     """Whether the rig was named, beside which "at" a value needs no verb."""
+    going: bool = False
+    """Whether the rig was said to be turning, moving ..."""
     wish: bool = False
     """Whether "I want" or "give me" was said, which asks for the value behind it."""
 

@@ -13,7 +13,6 @@ class ConditionReader(QuantityReader):
 
     def __init__(self, tokens: list[Token], lexicon: Lexicon, vocabulary: Vocabulary) -> None:
         super().__init__(tokens, lexicon, vocabulary)
-        self.found: list[Symbol] = []
 
     def condition(self) -> bool:
         """A condition such as "once it is still", "when it reaches 3 m" or "if the height drops below 3 m"."""
@@ -70,7 +69,7 @@ class ConditionReader(QuantityReader):
         last = max((k for k, symbol in enumerate(self.found) if symbol.kind == ";"), default=-1)
         part = self.found[last + 1 :]
         verbs = {symbol.value for symbol in part if symbol.kind == "V"}
-        leads = bool(verbs) or any(symbol.kind == "U" for symbol in part)
+        leads = bool(verbs) or any(symbol.kind in "UF" for symbol in part)
         return leads and not verbs & {"hold", "wait", "swing", "square", "triangle", "toggle", "repeat", "follow"}
 
     def has_level(self) -> bool:

@@ -13,6 +13,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Repeat,
     Sentence,
     Swing,
+    Undo,
     Wait,
 )
 from hybrid_sysid_ros.extensions.commander.language.files import Files
@@ -20,6 +21,7 @@ from hybrid_sysid_ros.extensions.commander.language.joining import (
     acts,
     all_again,
     arrival,
+    at_odds,
     brought_to_rest,
     carried,
     has_moved,
@@ -42,6 +44,10 @@ from hybrid_sysid_ros.rigs.units import COUNT, PERCENT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 SWUNG = ("amplitude", "peak_to_peak", "frequency", "period")
+
+
+STAYS = re.compile(r"(?:stay|remain|permane|fique|fica)")
+"""Verbs of holding that leave a value where it is."""
 
 
 class DoubtfulTimeError(UserError):
@@ -183,9 +189,8 @@ def _stage(
             if not clause.then and all(isinstance(command, Repeat) for command in commands):
                 commands = []  # "again, stop!"
             return Sentence(text=text, commands=tuple(commands), stops=True)
-        lasting = (
-            clause.each is not None and stands_alone(clause) and verbs in ([], ["hold"], ["wait"])
-        )  # "stay 5 s at each"
+        # "stay 5 s at each"
+        lasting = clause.each is not None and stands_alone(clause) and verbs in ([], ["hold"], ["wait"])
         if not ((clause.delay is not None and stands_alone(clause) and not verbs) or lasting):
             behind = acts(commands) or (reached and verbs == ["hold"])
             joint, clause.together = (clause.together, "") if commands else ("", clause.together)
@@ -196,10 +201,13 @@ def _stage(
             here, kept = clause.here, {*clause.targets}
             made = meaning.command()
             other = k > 0 and [verb.text for verb in clause.verbs] != [verb.text for verb in found[k - 1].verbs]
-            if commands == [made] == [Repeat()] and other and not JOINED.search(text):
+            if commands == [made] and made in (Repeat(), Undo()) and other and not JOINED.search(text):
                 continue  # "one more time, same as before"
             if re.search(r"\b(?:is|are|esta)\b", here) and isinstance(made, Wait) and has_moved(commands, kept):
                 raise UserError(f"{here!r}: where it is now, or is then? say 'stay there', or leave it out")
+            stays = bool(clause.verbs) and STAYS.match(clause.verbs[0].text) is not None
+            if not clause.then and (doubt := at_odds(commands, made, stays=stays)):
+                raise UserError(doubt)
             joint = joint or ("while" if clause.meanwhile and not isinstance(made, Wait) else "")
             commands = (
                 joined(commands, made, joint)

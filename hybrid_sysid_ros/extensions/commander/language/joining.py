@@ -97,6 +97,19 @@ def arrival(clause: Clause) -> Command:
     return Wait(seconds=0.0)
 
 
+def at_odds(commands: Sequence[Command], made: Command, *, stays: bool) -> str:
+    """What is doubtful of a move that no "then" parts from the one before; stays: it is a hold where it is."""
+    last = commands[-1] if commands else None
+    if not (isinstance(last, Move) and isinstance(made, Move)) or last.hold:
+        return ""
+    there = {goal.output: goal.value for goal in last.goals if not goal.relative}
+    if all(goal.share and goal.value == -1.0 for goal in made.goals):
+        return "around once it is there, or that way from the start? say 'then reverse', or a value with its sign"
+    if stays and any(there.get(goal.output, goal.value) != goal.value for goal in made.goals):
+        return "go there, and stay elsewhere? say 'then', or leave one out"
+    return ""
+
+
 def has_moved(commands: Sequence[Command], outputs: set[int]) -> bool:
     """Whether the last command moves one of some outputs, or any where none was named."""
     goals = {goal.output for goal in commands[-1].goals} if commands and isinstance(commands[-1], Move) else set[int]()

@@ -34,8 +34,8 @@ NOUNS = {
     "frequency": "f", "period": "q",
 }  # fmt: skip
 SHARES = {
-    "half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "fifth": 0.2, "tenth": 0.1, "two_thirds": 2.0 / 3.0,
-    "three_quarters": 0.75, "double": 2.0, "triple": 3.0,
+    "half": 0.5, "third": 1.0 / 3.0, "quarter": 0.25, "fifth": 0.2, "eighth": 0.125, "tenth": 0.1,
+    "two_thirds": 2.0 / 3.0, "three_quarters": 0.75, "double": 2.0, "triple": 3.0,
 }  # fmt: skip
 SHORT = re.compile("[^aeiou]+[aeiou][^aeiouwxy]")
 """A verb whose last letter is doubled before an ending."""

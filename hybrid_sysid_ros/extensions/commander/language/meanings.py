@@ -76,9 +76,7 @@ class Meaning(Adjustments):
         slower = found == ["swing"] and changes and not self.left  # "swing slower", "swing with twice the amplitude"
         if slower or (found == ["repeat"] and changed):  # "the same but slower", "again at 1 Hz"
             found = ["go"]
-        if found in (["go", "back"], ["back", "go"]):
-            found = ["back"]
-        if found == ["back"]:
+        if found in (["go", "back"], ["back", "go"], ["back"]):
             found = ["undo" if self._returns() else "go"]
         if found == ["repeat"] and clause.names:
             found = ["follow"]  # "repeat moves twice"
@@ -280,8 +278,10 @@ class Meaning(Adjustments):
             )
         if clause.verbs[0].text == "leave" and any(item.role == "" for item in self.left):
             raise UserError(f"{self.left[0].text!r}: stay there, or away from it? say 'hold' it, or where to go")
-        clause.here = ""
-        return replace(self.move("smooth"), hold=seconds or 0.0)
+        clause.here, made = "", self.move("smooth")
+        if clause.going and any(goal.value == 0.0 and not goal.relative for goal in made.goals):
+            raise UserError("keep moving, at 0? say 'go to 0', or a value")
+        return replace(made, hold=seconds or 0.0)
 
     def stay(self, seconds: float) -> commands.Command:
         """Where it is. A speed that stays is no standstill, so what is meant is asked."""
@@ -309,6 +309,7 @@ class Meaning(Adjustments):
     def move(self, shape: str) -> commands.Move:
         """To one or several goals."""
         begin = self.one("from")
+        self.part_rate()
         for item in [each for each in self.left if each.role in ("range", "span")]:
             self.left.remove(item)
             if begin is None:

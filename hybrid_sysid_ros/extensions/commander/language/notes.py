@@ -44,7 +44,8 @@ class Notes:
     def __init__(self, part: Sequence[Symbol], vocabulary: Vocabulary) -> None:
         first = part[0].value
         self.part, self.vocabulary = part[first in ("then", "while") :], vocabulary
-        self.made = Clause(then=first == "then", meanwhile=first == "while")
+        goes = any(symbol.kind == "J" and symbol.text.endswith("ing") for symbol in part)
+        self.made = Clause(then=first == "then", meanwhile=first == "while", going=goes)
         self.output: int | None = None
         """That was named last."""
         self.waiting = False

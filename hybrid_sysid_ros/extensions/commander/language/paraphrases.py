@@ -20,7 +20,20 @@ ABOUT = r"(?:roughly|approximately|approx|about|around|cerca\s+de|aproximadament
 SECONDS = r"(?:s|secs?|seconds?|mins?|minutes?|segundos?|minutos?)\b"
 PHRASES = (
     (re.compile(r"[:;]-?[()]+"), " "),
+    (re.compile(r"(?:^|(?<=[;:.,]))\s*\(\d\)\s*"), " "),
     (re.compile(r"[()\[\]]"), ", "),
+    (re.compile(r"\br\.\s?p\.\s?m\b\.?", re.I), "rpm"),
+    (re.compile(r"\b(?:rev|turn|revolution|rotation|round)s?\s+(?:a|per|each|every)\s+min(?:ute)?\b", re.I), "rpm"),
+    (re.compile(r"\bhalf\s+a\s+dozen\b", re.I), "six"),
+    (re.compile(r"\b(?:a\s+|one\s+)?dozen\b", re.I), "twelve"),
+    (
+        re.compile(r"\bonce\s+in\s+(?=(?:[\d.]+|an?|one|two|three|four|five|six|eight|ten|twenty|thirty)\b)", re.I),
+        "every ",
+    ),
+    (
+        re.compile(r"\b[x\u00d7]\s?(\d+)\b|\b(\d+)\s?[x\u00d7](?!\w)", re.I),
+        lambda match: f"{match[1] or match[2]} times",
+    ),
     (re.compile(r"\bpr([ao]s?)\b", re.I), lambda match: "para" if match[1].lower() == "a" else f"para {match[1]}"),
     (re.compile(r"\bt(á|ava)\b", re.I), r"est\1"),
     (re.compile(r",\s*like\s+(?=(?:\d|half|one|two|three|four|five|ten|twenty)\b)", re.I), ", "),
@@ -51,7 +64,7 @@ PHRASES = (
     ),
     (
         re.compile(
-            r"^\s*(?:could|might)\s+the\s+(?!(?:[\w-]+\s+){1,2}(?:be(?!\s+\w+(?:ed|en)\b)|have|reach|hit|get|take|hold|stand)\b)",
+            r"^\s*(?:can(?!.*\?)|could|might)\s+(?:it|she|he|the)\s+(?!(?:[\w-]+\s+){1,2}(?:be(?!\s+\w+(?:ed|en)\b)|have|reach|hit|get|take|hold|stand)\b)",
             re.I,
         ),
         "the ",
@@ -72,7 +85,9 @@ PHRASES = (
     ),
     (
         re.compile(
-            r"^([^,;]*\b(?:hold|keep|stay|maintain|remain|leave|mantenha|mant[eé]m|fique|segure)\b(?:(?!\b(?:then|and|swing)\b)[^,;])*?),?"
+            r"^([^,;]*\b(?:hold|keep|stay|maintain|remain|leave|mantenha|mant[eé]m|fique|segure)\b(?:(?!\b(?:then|and|swing)\b)[^,;])*?"
+            r"|(?:(?!\b(?:then|and|e|wave|onda|sin\w*|se[nñ]o\w*|swing|chirp|sweep|triang\w*|square|rock\w*|wiggle|os[cz]il\w*"
+            r"|balan\w*|repeat|repita|every|cada)\b)[^;])*?),?"
             r"\s+(?:(?:until|till)\s+(?:i\s+(?:say|tell|ask)\b[^,;]*|further\s+notice|told\s+otherwise)"
             r"|at[eé]\s+(?:eu\s+(?:pedir|mandar|dizer|falar)\b[^,;]*|(?:segunda|nova)\s+ordem))\W*$",
             re.I,
@@ -97,7 +112,7 @@ PHRASES = (
     (re.compile(r"\b(rad|deg|m|V)\s?\*?\s?s\^?(?:-1|⁻¹)"), r"\1/s"),
     (re.compile(r"\btake\s+(?=(?:[\w.,]+\s+){1,2}(?:s|secs?|seconds?|mins?|minutes?)\b)", re.I), "over "),
     (re.compile(r"\b(s|seconds|minutes?|mins?|hours?)'?\s+time\b", re.I), r"\1 from now"),
-    (re.compile(r"\bafter\s+an?\s+([^,;]{1,20}?)[\s-]+(?:delay|pause|wait|break)\b", re.I), r"after \1"),
+    (re.compile(r"\b(?:after|following)\s+an?\s+([^,;]{1,20}?)[\s-]+(?:delay|pause|wait|break)\b", re.I), r"after \1"),
     (re.compile(r"(\d[\d.,]*\s*[^\W\d_]+/s(?:\^2)?)\s+(?:max|maximum)\b", re.I), r"at most \1"),
     (re.compile(r"\bde\s+(\S+)\s+em\s+\1\b", re.I), r"em degraus de \1"),
     (re.compile(r"\bmore\s+times\b|\btimes\s+more\b", re.I), "times"),

@@ -37,7 +37,7 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             symbol = Symbol(";", "after", symbol.text)
         if symbol.kind == "!":
             raise UserError(f"{symbol.text!r}: {symbol.value}")
-        if symbol.text == "?" and before and not re.search("[VUwyMZz]", before):
+        if symbol.text == "?" and before and not re.search("[VUwyMZz]", "".join(each.kind for each in found[:k])):
             raise UserError("is that a question, or a command? say it with a verb, as in 'go to' or 'hold'")
         if (
             symbol.kind == ","
@@ -65,7 +65,8 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         if symbol.kind == "," and re.search("M[bm]?$", before) and re.match(r"oQ|Q(?!o?[KO]?[U+M])", ahead):
             said = " ".join(each.text for each in (made[-1][-1], found[k + 1]))
             raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by' before it")
-        if symbol.kind == "," and ended:
+        dwelt = not swung and [_is_time(each) for each in made[-1][-2:]] == [False, True] and is_level(made[-1][-2])
+        if symbol.kind == "," and (ended or (dwelt and following in tuple("QTUKOVyu"))):  # "10 rpm, 5 s, 20 rpm, 5 s"
             made.append([])
         elif len(made) == 2 and not made[0] and _leads(made[1]) and symbol.kind in "VyU" and "Q" in before:
             made.append([symbol])  # "after climbing 100 m accelerate by 10 m/s"
@@ -118,6 +119,8 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
     """Whether an "and" or a comma begins another clause, by the letters before, the next one, and what comes then;
     listed: that values last so long each; swung: that these letters are of a swing.
     """
+    if swung and "Q" not in before and following == "V" and rest[0].value == "swing":
+        return False  # "wiggle the heading: sine, 15 degrees"
     if re.search("U.*Q|Q.*U", before) and re.match("[KO]+o?U", "".join(symbol.kind for symbol in rest)):
         return True  # "height up 100 m, speed down 10 m/s"
     letters = "".join(symbol.kind for symbol in rest)
@@ -132,13 +135,15 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
         return True
     if "Q" in before and [symbol.kind for symbol in rest[:2]] == ["Q", "E"]:  # "and 5 s later to 0"
         return True
-    if re.search("Q.*U|U.*Q", before) and re.match("Q[UM+]", "".join(symbol.kind for symbol in rest)):
+    if re.search("Q.*[Ud]|[Ud].*Q", before) and re.match("Q[UdM+]", "".join(symbol.kind for symbol in rest)):
         return True  # "100 m higher and 10 m/s faster"
     if following == "V" and rest[0].value == "repeat" and "Q" in before:  # "go to 1 m, then 0, repeat 3 times"
         return True
     if following == "u" and "Q" in before:  # "hold 3 s, home"
         return True
     if following == "t" and len(rest) > 1 and rest[1].kind in "Vy":  # "and at the same time slow down"
+        return True
+    if following in ("V", "y") and re.search("Qe$", before):  # "1, 2 and 3 m, 5 s each, and return"
         return True
     if following in ("V", "y", ";"):
         return any(letter in "VUOKTMu" for letter in before)

@@ -38,6 +38,7 @@ class QuantityReader:
         self.tokens, self.lexicon, self.vocabulary = tokens, lexicon, vocabulary
         self.words = [folded(token.text) if token.kind == "word" else "" for token in tokens]
         self.at = 0
+        self.found: list[Symbol] = []
 
     def word(self) -> str:
         return self.words[self.at] if self.at < len(self.words) else ""
@@ -63,7 +64,9 @@ class QuantityReader:
             return Symbol("^", (float(size), self.unit_here()), token.text)
         if share := self.share_of_a_unit():  # before "one", which "one half" begins with
             value = share
-        elif self.longest(self.lexicon.parts_of_one) or self.longest(self.lexicon.verbs_of_numbers):
+        elif self.longest(self.lexicon.parts_of_one) or (
+            self.longest(self.lexicon.verbs_of_numbers) and not self._led()
+        ):
             return None  # "two thirds of its present value", "zero it"
         elif token.kind == "number":
             value = self.digits(token.text)
@@ -152,6 +155,8 @@ class QuantityReader:
     def _one(self) -> bool:
         """Whether "one" is a number here: a unit or a decimal follows."""
         following = self.words[self.at + 1 : self.at + 2]
+        if self.word() == "one" and self._led() and (not following or following[0] in ("", "more")):
+            return True  # "add one"
         return bool(following) and (
             self.longest(self.lexicon.units, skip=1) > 0
             or tuple(following) in self.lexicon.parts["point"]
@@ -160,6 +165,10 @@ class QuantityReader:
             or following[0] in ("hundred", "thousand")
             or (self.word() == "one" and 0 <= self.lexicon.table["numbers"].get(following[0], -1) < 100)
         )
+
+    def _led(self) -> bool:
+        """Whether a direction or a preposition goes before, which leads to a number."""
+        return bool(self.found) and self.found[-1].kind in "UTY+"
 
     def _number_follows(self, skip: int = 1) -> bool:
         k = self.at + skip
@@ -303,7 +312,7 @@ class QuantityReader:
         if unit is not None:
             self.at += 1
         elif self.tokens[self.at].kind == "unit":
-            raise UserError(f"no unit {self.tokens[self.at].text[:40]!r}: known are {self.listed_units()}, s, Hz, %")
+            raise self.vocabulary.no_unit(self.tokens[self.at].text)
         return unit
 
     def _unit_at(self, k: int) -> Unit | None:
@@ -336,11 +345,5 @@ class QuantityReader:
     def known_unit(self, symbol: str) -> Unit:
         unit = named(symbol)
         if unit is None:
-            raise UserError(f"no unit {symbol!r}: known are {self.listed_units()}, s, Hz, %")
+            raise self.vocabulary.no_unit(symbol)
         return unit
-
-    def listed_units(self) -> str:
-        """The units of this rig's outputs."""
-        tracked = (self.vocabulary.outputs[k] for k in self.vocabulary.tracked)
-        found = [text for output in tracked for text in (output.unit, self.vocabulary.si(output)) if text]
-        return ", ".join(dict.fromkeys([*found, *(["deg"] if "rad" in found else [])]))

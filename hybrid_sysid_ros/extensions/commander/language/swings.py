@@ -79,9 +79,10 @@ class SwingMeaning:
         if frequency is None and (often := self.often()):
             return often, None
         each = values.clause.each
-        if each is not None and each.base == TIME and self.shape == "square":  # "between 4 and 6 m, 5 s each"
-            values.clause.each = None
-            return self.above_zero(0.5 / values.time(each)), None
+        counted = any(item.base == COUNT for item in values.left)
+        if each is not None and each.base == TIME and (self.shape == "square" or counted):
+            values.clause.each = None  # "between 4 and 6 m, 5 s each", "3 cycles, 5 s each"
+            return self.above_zero((1.0 if counted else 0.5) / values.time(each)), None
         period = values.take(lambda item: item.kind == "period")
         every = values.seconds("every")
         if sum(given is not None for given in (frequency, period, every)) > 1:

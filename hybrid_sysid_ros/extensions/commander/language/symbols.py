@@ -126,7 +126,7 @@ class _Reader(CorrectionReader):
                     raise UserError(f"{' '.join(said)!r}: {reason}")
             place += max(1, count)
         if after_number and not candidates:
-            raise UserError(f"no unit {self.tokens[k].text[:40]!r}: known are {self.listed_units()}, s, Hz, %")
+            raise self.vocabulary.no_unit(self.tokens[k].text)
         raise UnknownWordError(self.tokens[k].text, candidates)
 
     def take(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity, Share
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
@@ -86,6 +87,16 @@ class Values:
         """Of all units in which outputs may be given."""
         return [unit.rate for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
 
+    def part_rate(self) -> None:
+        """Of "5 deg/s up to 30 deg" the first value says how fast."""
+        own = [unit for k in self.vocabulary.tracked for unit in self.vocabulary.units_of(k)]
+        for k, item in enumerate(self.left[:-1]):
+            unit = item.unit
+            if item.role != "span" or self.left[k + 1].role != "span" or unit is None or any(map(unit.alike, own)):
+                continue
+            if any(map(unit.alike, self.rates)):
+                self.left[k : k + 2] = [replace(item, role="at"), replace(self.left[k + 1], role="to")]
+
     def is_rate(self, item: Quantity) -> bool:
         """Whether a quantity is some output's unit a second, beside a goal of that output."""
         if item.unit is None or item.unit.base in (TIME, FREQUENCY, COUNT):
@@ -109,22 +120,24 @@ class Values:
 
     def of_one(self, goals: Sequence[Quantity | Share], rate: Quantity) -> bool:
         """Whether all goals are of one output that was named, and this is a rate of it."""
-        named = {goal.output for goal in goals if isinstance(goal, Quantity)} - {None}
+        named = {self.measured(goal) for goal in goals if isinstance(goal, Quantity)} - {None}
         own = [unit.rate for k in named for unit in self.vocabulary.units_of(k)]  # type: ignore[arg-type]  # no None
         at = folded(rate.text).split()[0] in ("at", "a")  # "with 2 m/s" may be a value of its own
         return at and len(named) == 1 and rate.unit is not None and any(map(rate.unit.alike, own))
 
     def output(self, item: Quantity) -> int:
-        """Which output a quantity is of: as it was named, or the only one that has such a unit."""
-        if item.output is not None:
-            return item.output
-        tracked, unit = self.vocabulary.tracked, item.unit
-        if len(tracked) == 1:
-            return tracked[0]
-        alike = [k for k in tracked if unit and any(unit.alike(other) for other in self.vocabulary.units_of(k))]
-        if len(alike) != 1:
+        """Which output a quantity is of. Raises UserError where that is not certain."""
+        if (found := self.measured(item)) is None:
             raise UserError(f"{described(item)} of which output? name one of {self.vocabulary.steered}")
-        return alike[0]
+        return found
+
+    def measured(self, item: Quantity) -> int | None:
+        """The output that a quantity is of: as it was named, or the only one that has such a unit."""
+        tracked, unit = self.vocabulary.tracked, item.unit
+        if item.output is not None or len(tracked) == 1:
+            return tracked[0] if item.output is None else item.output
+        alike = [k for k in tracked if unit and any(unit.alike(other) for other in self.vocabulary.units_of(k))]
+        return alike[0] if len(alike) == 1 else None
 
     def value(self, item: Quantity, output: int, relative: bool = False) -> float:
         """A value of an output, as it is shown. Raises UserError for a unit that measures something else, or none."""

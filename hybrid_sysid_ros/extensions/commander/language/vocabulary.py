@@ -153,6 +153,13 @@ class Vocabulary:
         shown = self.outputs[output]
         return units.of_rig(shown.unit), units.of_rig(self.si(shown))
 
+    def no_unit(self, text: str) -> UserError:
+        """A refusal of what is no unit, which lists those of this rig's outputs."""
+        tracked = [self.outputs[k] for k in self.tracked]
+        found = [text for output in tracked for text in (output.unit, self.si(output)) if text]
+        listed = ", ".join(dict.fromkeys([*found, *(["deg"] if "rad" in found else [])]))
+        return UserError(f"no unit {text[:40]!r}: known are {listed}, s, Hz, %")
+
     def only_unit(self, output: int) -> Unit | None:
         """That in which an output may be given, where what it is shown in measures the same as what it travels in."""
         shown, travels = self.units_of(output)
