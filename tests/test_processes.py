@@ -111,6 +111,7 @@ def test_nothing_is_compiled_once_the_nodes_are_ready(
 
 @pytest.mark.parametrize("numbers", [(signal.SIGINT,), (signal.SIGINT, signal.SIGINT), (signal.SIGHUP,)])
 def test_a_node_ends_well_on_an_interrupt_or_two_or_when_its_terminal_closes(start, numbers: tuple[int, ...]) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a run of the tests under nohup ignores it, and so would its children
     process = start("reference")
     wait_until_ready(process)
     for number in numbers:

@@ -12,7 +12,7 @@ RIGS = sorted(path.parent for path in (ROOT / "hybrid_sysid_ros" / "rigs").glob(
 STUDIES = [path.name for path in (ROOT / "studies").iterdir() if (path / "__init__.py").is_file()]
 BAGS = [path.name for path in (ROOT / "bags").iterdir() if path.is_dir()]
 ANYBODYS = {
-    *("joint", "motor", "robot", "wheel", "string", "drill", "haste", "creeping", "bearing", "course"),
+    *("joint", "motor", "robot", "wheel", "string", "drill", "haste", "creeping", "bearing", "course", "psi", "roda"),
     *("coulomb", "hysteretic", "public", *structure_names()),
 }
 """Words of rigs and studies that any may have."""

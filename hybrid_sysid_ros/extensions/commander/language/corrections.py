@@ -22,7 +22,7 @@ class CorrectionReader(ConditionReader):
         marked = self.tokens[self.at + count : self.at + count + 1]
         skip = count + bool(marked and marked[0].text == ",")
         if count == 1 and skip == 1 and (self.word(),) in self.lexicon.parts["negation"]:
-            return False  # "go to 2 V no 3 V"
+            return False  # "go to 2 m no 3 m"
         start, (value, unit), before = self.at, self.found[last].value, self.found[last]
         self.at += skip
         self.at += self.longest(self.lexicon.parts["again"])
