@@ -87,6 +87,19 @@ def test_a_hard_bound_that_drops_is_reached_as_fast_as_the_limits_of_rates_allow
     assert set(within) == {Status.SOLVED}
 
 
+def test_a_hard_bound_holds_after_a_disturbance_that_nothing_has():
+    """Where d is 1e12, (u + d) - d is off u by 1e-4; where the next step is made, d is another."""
+    disc = declared(terms={"disc": TERMS["disc"]}, stage_parameters={})
+    mpc, rng, u = ExactMpc(ARMS, disc, real_time=True, checked=False), np.random.default_rng(0), np.zeros(2)
+    for _ in range(600):
+        state, disturbance, _, preview = instance(int(rng.integers(20)))
+        size = 1e12 if rng.random() < 0.2 else 0.0
+        scale, preview[:] = rng.normal(), 2.0 * rng.normal(size=preview.shape[1])
+        u = mpc.control(state * scale, disturbance + size, u, preview).input
+        assert np.sum(u**2) <= 1.5 + (1e-3 if size else 1e-9)
+        mpc.prepare(PROBLEM.period)
+
+
 def test_an_output_that_is_tracked_by_a_term_is_tracked_as_by_its_weight():
     asked = instance(2)
     asked[3][:] = (0.3, 0.0)

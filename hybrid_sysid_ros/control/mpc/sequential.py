@@ -202,9 +202,12 @@ def _lift(
 def make_step(
     prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance
 ) -> tuple[float, float]:
-    """Make the whole step of a solution, in the states by their linear prediction; return what :func:`expand` does."""
+    """Make the whole step of a solution, in the states by their linear prediction and to the instance's disturbance;
+    return what :func:`expand` does.
+    """
     expected, change = expand(horizon, program, instance)
     apply_step(horizon, 1.0)
+    assign(horizon.disturbance, instance.disturbance)
     if horizon.limits.hard.any():
         keep_hard(prediction, horizon, instance.previous, horizon.inputs)
     return expected, change

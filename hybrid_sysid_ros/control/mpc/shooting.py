@@ -153,7 +153,6 @@ def iterate(
         quadratic.keep_working_set(program)
         expected, change = make_step(prediction, horizon, program, instance)
         if way == UNCHECKED or foreseen(horizon, expected, change, simulated_cost(prediction, horizon, instance)):
-            assign(horizon.disturbance, instance.disturbance)
             return SolverResult(False, 1, np.inf)
         apply_step(horizon, -1.0)
     return improve(prediction, horizon, program, instance, way == IMPROVE)
