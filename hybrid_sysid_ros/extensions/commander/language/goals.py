@@ -16,6 +16,7 @@ BIT = 0.05
 """Of half the set-points' range, by which "up a bit" changes them."""
 
 OF = re.compile(r"(?:of|de)\s", re.IGNORECASE)
+WAY = re.compile(r"^(?:by|em|por)\s+", re.IGNORECASE)
 BEFORE = re.compile(r"^(?:(?:of|de|em|plus|mais)\s+|\+)+", re.IGNORECASE)
 """What may stand before a value, but not behind "to"."""
 
@@ -122,6 +123,8 @@ class Goals(Values):
             said = f"{verb.text} {item.text}" if verb else item.text
             bare = BEFORE.sub("", item.text)
             raise UserError(f"{said!r}: to that value, or by it? say 'to {bare}' or 'by {bare}'")
+        if not sign and item.role == "by" and self.unsigned(item):
+            raise UserError(self.which_way(item, output))
         relative = item.role == "by" or (sign != 0.0 and item.role != "to")
         if relative and item.base == PERCENT:
             shown = self.vocabulary.outputs[output]
@@ -157,6 +160,25 @@ class Goals(Values):
         """Whether "plus" says a change, as in "height plus 80 m" of a rig that works about a point."""
         about = self.vocabulary.rig.system.operating_point.get(self.vocabulary.outputs[output].name)
         return bool(about) and folded(item.text.split()[0]) in ("plus", "mais")
+
+    def unsigned(self, item: Quantity) -> bool:
+        """Whether a change behind a verb that says no way, as "turn" or "change", says none either."""
+        verb = self.clause.displacing
+        signed = item.value <= 0.0 or BEFORE.match(WAY.sub("", item.text)) or self.clause.sense
+        return verb is not None and verb.value in ("turn", "change") and not signed
+
+    def which_way(self, item: Quantity, output: int) -> str:
+        """The question after the way of a change, in the rig's own words of directions where it has some."""
+        verb, shown = self.clause.displacing, self.vocabulary.outputs[output]
+        bare = f"{self.value(item, output, True):.4g} {shown.unit}"
+        said = f"{verb.text} {item.text}" if verb else item.text
+        spoken = [words for words in self.vocabulary.spoken.values() for _ in "+-"]
+        ways = [
+            next((word for word, other in words.items() if other == sign + shown.name), "")
+            for words, sign in zip(spoken, "+-" * 2, strict=True)
+        ]
+        own = f"{ways[0]!r} or {ways[1]!r}, or " if all(ways[:2]) else ""
+        return f"{said!r}: which way? say {own}'by +{bare}' or 'by -{bare}'"
 
     def open(self, item: Quantity, output: int) -> bool:
         """Whether a bare value could be a place or a change: behind a verb of moving, or with a plus."""

@@ -18,6 +18,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
 )
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.joining import (
+    KEPT_AND_CHANGED,
     acts,
     all_again,
     arrival,
@@ -121,7 +122,7 @@ def _stage(
     "hold" stays.
     """
     commands: list[Command] = []
-    dwelt = False
+    dwelt, still = False, set[int]()
     for k, clause in enumerate(found):
         if commands and isinstance(commands[-1], Swing) and (seconds := _lasting(clause, found[k - 1], vocabulary)):
             commands[-1] = replace(commands[-1], seconds=seconds)
@@ -175,6 +176,11 @@ def _stage(
                     f"stop {clause.delay.text}: from now, or when the rest is done? say 'stop {clause.delay.text}' "
                     f"alone before it, or 'then wait {seconds:g} s, then stop'"
                 )
+            if clause.delay.role == "starting" and not stands_alone(clause):
+                raise UserError(
+                    f"{clause.delay.text!r}: of all, or of the last part? say 'in {seconds:g} s' before the first, "
+                    f"or 'then wait {seconds:g} s'"
+                )
             commands.append(Wait(seconds=seconds))
         if "halt" in verbs:
             if clause.quantities or (clause.here and commands):
@@ -206,8 +212,11 @@ def _stage(
             if re.search(r"\b(?:is|are|esta)\b", here) and isinstance(made, Wait) and has_moved(commands, kept):
                 raise UserError(f"{here!r}: where it is now, or is then? say 'stay there', or leave it out")
             stays = bool(clause.verbs) and STAYS.match(clause.verbs[0].text) is not None
-            if not clause.then and (doubt := at_odds(commands, made, stays=stays)):
+            if not clause.then and (doubt := at_odds(commands, made, stays=stays, still=still)):
                 raise UserError(doubt)
+            still = kept if made == Wait(seconds=0.0) else set()
+            if clause.meanwhile and still and has_moved(commands, still):
+                raise UserError(KEPT_AND_CHANGED)
             joint = joint or ("while" if clause.meanwhile and not isinstance(made, Wait) else "")
             commands = (
                 joined(commands, made, joint)

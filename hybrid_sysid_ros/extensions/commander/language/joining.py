@@ -26,6 +26,9 @@ CARRIED = ("go", "hold", "ramp", "step", "follow")
 """Verbs that count for the next part, too, where it has a value and no verb."""
 
 
+KEPT_AND_CHANGED = "keep the same output, and change it? say 'then' between the two, or leave one out"
+
+
 def all_again(sentence: Sentence, rounds: int) -> Sentence:
     """So many rounds of a sentence. Raises UserError for one that waits or stops."""
     if sentence.later is not None or sentence.stops:
@@ -97,9 +100,13 @@ def arrival(clause: Clause) -> Command:
     return Wait(seconds=0.0)
 
 
-def at_odds(commands: Sequence[Command], made: Command, *, stays: bool) -> str:
-    """What is doubtful of a move that no "then" parts from the one before; stays: it is a hold where it is."""
+def at_odds(commands: Sequence[Command], made: Command, *, stays: bool, still: set[int]) -> str:
+    """What is doubtful of a move that no "then" parts from the one before; stays: it is a hold where it is; still: the
+    outputs that the one before was said to keep.
+    """
     last = commands[-1] if commands else None
+    if isinstance(made, Move) and still.intersection(goal.output for goal in made.goals):
+        return KEPT_AND_CHANGED
     if not (isinstance(last, Move) and isinstance(made, Move)) or last.hold:
         return ""
     there = {goal.output: goal.value for goal in last.goals if not goal.relative}

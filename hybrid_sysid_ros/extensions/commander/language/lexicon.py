@@ -21,7 +21,8 @@ VERBS = (
 )  # fmt: skip
 ROLES = {
     "to": "T", "from": "F", "between": "B", "by": "Y", "around": "A", "at": "W", "for": "R", "in": "I", "over": "I",
-    "within": "L", "after": "D", "later": "E", "every": "e", "per_cycle": "e", "and": "j", "plus_minus": "p", "of": "o",
+    "within": "L", "after": "D", "starting": "D",
+    "later": "E", "every": "e", "per_cycle": "e", "and": "j", "plus_minus": "p", "of": "o",
     "object": "J",
     "here": "H", "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X",
     "highest": "x", "lowest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d",
@@ -91,7 +92,7 @@ class Lexicon:
         self._enter(found, "back", (("y", "change"), ("V", "back")))
         for category, sign in {"back_up": 1.0, "back_down": -1.0}.items():
             self._enter(found, category, (("V", "back"), ("U", sign)))
-        for category in ("displace", "change"):
+        for category in ("displace", "turn", "change"):
             self._enter(found, category, (("y", category), ("V", "go")))
         for category in ("step", "ramp"):
             self._enter(found, category, (("y", "change"), ("V", category)))

@@ -146,7 +146,8 @@ class Notes:
         """Raise UserError for a second one."""
         if self.made.delay is not None:
             raise UserError(f"{self.made.delay.text} and {found.text} contradict one another: leave one out")
-        self.made.delay = self.quantity(found.quantities[0], "for", found.text)
+        role = "starting" if any(symbol.value == "starting" for symbol in found.part) else "for"
+        self.made.delay = self.quantity(found.quantities[0], role, found.text)
 
     def _note_target(self, found: FilledSlot) -> None:
         self.output, self.noun, self.waiting = found.output, found.noun, True

@@ -112,6 +112,10 @@ PHRASES = (
     (re.compile(r"\b(rad|deg|m|V)\s?\*?\s?s\^?(?:-1|⁻¹)"), r"\1/s"),
     (re.compile(r"\btake\s+(?=(?:[\w.,]+\s+){1,2}(?:s|secs?|seconds?|mins?|minutes?)\b)", re.I), "over "),
     (re.compile(r"\b(s|seconds|minutes?|mins?|hours?)'?\s+time\b", re.I), r"\1 from now"),
+    (
+        re.compile(r"\b(?:start|beginn|commenc)ing\s+(?=(?:[\w.,]+[\s-]+){1,3}?(?:from\s+now|hence|later)\b)", re.I),
+        "",
+    ),
     (re.compile(r"\b(?:after|following)\s+an?\s+([^,;]{1,20}?)[\s-]+(?:delay|pause|wait|break)\b", re.I), r"after \1"),
     (re.compile(r"(\d[\d.,]*\s*[^\W\d_]+/s(?:\^2)?)\s+(?:max|maximum)\b", re.I), r"at most \1"),
     (re.compile(r"\bde\s+(\S+)\s+em\s+\1\b", re.I), r"em degraus de \1"),

@@ -133,7 +133,8 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
         return True
     if re.fullmatch("V?Z|V?z[KO]?T?Q", before) and following in ("V", "y", "U", "u"):  # "wait until it is still and go"
         return True
-    if "Q" in before and [symbol.kind for symbol in rest[:2]] == ["Q", "E"]:  # "and 5 s later to 0"
+    led = [symbol.kind for symbol in rest[2:3]] not in ([], [";"])
+    if led and "Q" in before and [symbol.kind for symbol in rest[:2]] == ["Q", "E"]:  # "and 5 s later to 0"
         return True
     if re.search("Q.*[Ud]|[Ud].*Q", before) and re.match("Q[UdM+]", "".join(symbol.kind for symbol in rest)):
         return True  # "100 m higher and 10 m/s faster"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 BEAM, JOINT, DRILL, WHEEL, CONE = "cam_beam", "flexible_joint", "drill_string", "wheel_motor", "winged_cone"
+ROBOT = "balancing_robot"
 RPM = 2.0 * math.pi / 60.0
 
 

@@ -146,6 +146,22 @@ def test_a_condition_is_of_the_output_that_it_names(name: str, text: str, output
     assert condition.value == pytest.approx(value)
 
 
+@pytest.mark.parametrize(
+    ("text", "delay"),
+    [
+        ("go to 30 rpm, starting after 2 s", 2.0), ("go to 30 rpm, beginning in 5 s", 5.0),
+        ("go to 30 rpm, starting 5 s from now", 5.0), ("go to 30 rpm, 5 s from now", 5.0),
+        ("starting in 5 s, go to 30 rpm", 5.0),
+        ("vá para 30 rpm, a começar daqui a 5 s", 5.0), ("vá para 30 rpm, começando depois de 5 s", 5.0),
+    ],
+)  # fmt: skip
+def test_when_a_motion_starts_is_a_delay_of_it(text: str, delay: float) -> None:
+    sentence = read("flexible_joint", text)
+    assert (sentence.commands, sentence.condition) == ((), Condition(delay=delay))
+    assert sentence.later is not None
+    assert sentence.later.commands == read("flexible_joint", "go to 30 rpm").commands
+
+
 def test_what_is_repeated_does_not_grow_without_end() -> None:
     reader, start = replace(interpreter("cam_beam")), np.zeros(1)
     reader.note(reader.read("hold 1 V then home"), start)

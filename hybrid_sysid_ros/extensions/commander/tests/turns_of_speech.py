@@ -10,6 +10,7 @@ from hybrid_sysid_ros.extensions.commander.tests.readings import (
     DRILL,
     HOME,
     JOINT,
+    ROBOT,
     STOP,
     WHEEL,
     Refused,
@@ -248,4 +249,23 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (BEAM, "a further 2 V", [by(2)]),
     (BEAM, "wait a further 5 s", [wait(5)]),
     (BEAM, "freeze at 2 V", [STOP]),
+    # When a motion starts, said behind several.
+    (JOINT, "go to 30 rpm, then 10 rpm, starting in 5 s", Refused("of all, or of the last part")),
+    # What rests at several outputs, where none is named.
+    (CONE, "bring it back to nominal", [HOME]),
+    (CONE, "return to normal conditions", [HOME]),
+    (CONE, "volte ao nominal", [HOME]),
+    (CONE, "bring the height back to nominal", [go(0, "height")]),
+    # Verbs that say no way.
+    (CONE, "change the height by 200 metres", Refused("by +200 m' or 'by -200 m'")),
+    (CONE, "mude a altura em 200 m", Refused("to that value, or by it")),
+    (CONE, "change the height by +200 metres", [by(200, "height")]),
+    (CONE, "change the height by -200 metres", [by(-200, "height")]),
+    (ROBOT, "turn by twenty", Refused("'left' or 'right'")),
+    (ROBOT, "turn left by 20 degrees", [by(20, "yaw")]),
+    # An output that is kept, and changed.
+    (CONE, "mantenha a velocidade, mas reduza 10 m/s", Refused("and change it")),
+    (CONE, "lower the speed by 10 m/s while holding the speed", Refused("and change it")),
+    (CONE, "hold this height and lose 10 m/s", [wait(0), by(-10, "speed")]),
+    (CONE, "hold the speed, then lower it by 10 m/s", [wait(0), by(-10, "speed")]),
 ]
