@@ -44,14 +44,16 @@ class BareNumbers:
                 self.time = symbol.value[1]
             if len(self.moving) > 1:
                 self.follow(k, symbol)
-            if (
-                symbol.kind not in "Q^"
-                or symbol.value[1] is not None
-                or (not symbol.value[0] and not self.one_spoken_of(k))
-            ):
+            if symbol.kind not in "Q^" or symbol.value[1] is not None:
+                continue
+            if not symbol.value[0] and not self.one_spoken_of(k):
                 continue
             waits = k > 0 and self.found[k - 1].value == "wait"  # which only a time can be behind
-            unit = self.time or (SECOND if waits else None) if waits or TIMED.search(self.letters[:k]) else self.unit(k)
+            unit = self.time  # for "..., for another 8"
+            if waits:
+                unit = self.time or SECOND
+            elif not TIMED.search(self.letters[:k]):
+                unit = self.unit(k)
             if unit is not None and (symbol.kind == "^" or waits or unit is self.time or self.is_value(k)):
                 self.found[k] = symbol._replace(value=(symbol.value[0], unit))
         return self.found
