@@ -5,29 +5,31 @@
 Of each rig's shipped model: estimator with the exact MPC in real time, and with the supervised policy. Readings,
 applied inputs, references and times are of any size, missing, infinite or no number. Each call must leave the inputs
 numbers within their bounds, and the sanitizers of addresses and of undefined behaviour must find nothing.
+
+Loops of other rigs keep what was found of them as long as the same unit is printed.
 """
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-
-from rich.table import Table
+from typing import Any
 
 from benchmarks import result
-from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.c_source import Text
 from hybrid_sysid_ros.extensions.export.compiler import compile_source
 from hybrid_sysid_ros.extensions.export.unit.built import renamed
-from hybrid_sysid_ros.extensions.export.unit.folder import export_loop
+from hybrid_sysid_ros.extensions.export.unit.folder import UnitExport, export_loop
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop, loop_in_python
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import sha256
 
 NAME = "loop_fuzz"
 RIGS = ("cam_beam", "flexible_joint", "wheel_motor", "winged_cone", "drill_string", "balancing_robot")
@@ -72,37 +74,52 @@ def _common(unit: Path) -> list[str]:
     return [compiler.found() or "cc", *SANITIZED, "-I", str(unit)]
 
 
-def _loop(rig_name: str, policy: str, calls: int) -> str:
-    """What was found of one loop: "" for nothing."""
+def _printed(rig_name: str, policy: str, unit: Path) -> tuple[UnitExport, PythonLoop]:
+    """A loop's unit in a folder, and the same in Python."""
     rig, model = load(rig_name), load_model(shipped(rig_name, "model"))
-    with TemporaryDirectory() as scratch:
-        unit = Path(scratch) / "unit"
-        try:
-            settings = {"real_time": True, "policy": policy}
-            done = export_loop(rig, model, unit, settings=settings, seal="", periods=FEW, more=0)
-            objects = sanitized_objects(unit, done.name, Path(scratch))
-            loop = loop_in_python(rig, model, settings)
-            for seed in SEEDS:
-                fuzzed(unit, done.name, loop, objects, calls=-(-calls // len(SEEDS)), seed=seed)
-        except UserError as error:
-            return str(error)
+    settings = {"real_time": True, "policy": policy}
+    done = export_loop(rig, model, unit, settings=settings, seal="", periods=FEW, more=0)
+    return done, loop_in_python(rig, model, settings)
+
+
+def _found(unit: Path, done: UnitExport, loop: PythonLoop, calls: int) -> str:
+    """What was found of a unit: "" for nothing."""
+    try:
+        objects = sanitized_objects(unit, done.name, unit.parent)
+        for seed in SEEDS:
+            fuzzed(unit, done.name, loop, objects, calls=-(-calls // len(SEEDS)), seed=seed)
+    except UserError as error:
+        return str(error)
     return ""
 
 
+def _before() -> dict[str, Any]:
+    """Rows of the results that are there."""
+    path = result.RESULTS / f"{NAME}.json"
+    return json.loads(path.read_text(encoding="utf-8"))["results"]["loops"] if path.is_file() else {}  # type: ignore[no-any-return]
+
+
 def main(arguments: list[str]) -> int:
-    """Run, print the table, write the results."""
+    """Run, print the table, write the results after each loop, for all of them take hours."""
     calls = int(arguments.pop(0)) if arguments and arguments[0].isdecimal() else CALLS
-    machine, found, rigs = result.machine(), dict[str, str](), arguments or RIGS
-    shown = Table("loop", "found", title=f"{calls} calls of each loop that no rig would ask, {len(SEEDS)} seeds")
-    loops = [(rig_name, policy) for rig_name in rigs for policy in ("exact", "supervised")]
-    for rig_name, policy in loops:
-        found[f"{rig_name}, {policy}"] = said = _loop(rig_name, policy, calls)
-        shown.add_row(f"{rig_name}, {policy}", said or "nothing")
-        print(f"{rig_name}, {policy}: {said or 'nothing found'}", flush=True)
-        short = 2 * len(RIGS) - sum(not said for said in found.values())  # those that were not asked, too
-        content = {"found": found, "calls": calls, "asked_calls": CALLS, "short": short}
-        result.write(NAME, content, on=machine)  # after each loop, for all of them take hours
-    print_table(shown)
+    machine, asked, before, rows = result.machine(), arguments or RIGS, _before(), dict[str, dict[str, Any]]()
+    loops = [(rig_name, policy) for rig_name in RIGS for policy in ("exact", "supervised")]
+    for rig_name, policy in sorted(loops, key=lambda loop: loop[0] in asked):
+        name = f"{rig_name}, {policy}"
+        with TemporaryDirectory() as scratch:
+            unit = Path(scratch) / "unit"
+            done, loop = _printed(rig_name, policy, unit)
+            digest = "".join(sha256(unit / f"{done.name}.{ending}")[:8] for ending in "ch")
+            if rig_name in asked:
+                rows[name] = {"unit": digest, "calls": calls, "found": _found(unit, done, loop, calls)}
+            elif before.get(name, {}).get("unit") == digest:
+                rows[name] = before[name]
+            else:
+                rows[name] = {"unit": digest, "calls": 0, "found": "not asked since the unit changed"}
+        print(f"{name}: {rows[name]['calls']} calls, {rows[name]['found'] or 'nothing found'}", flush=True)
+        short = len(loops) - sum(not row["found"] and row["calls"] >= CALLS for row in rows.values())
+        content = {"loops": rows, "seeds": len(SEEDS), "asked_calls": CALLS, "short": short}
+        result.write(NAME, content, on=machine)
     return 0
 
 
