@@ -9,6 +9,7 @@ import struct
 import termios
 import tty
 from pathlib import Path
+from threading import Lock
 from time import monotonic
 from typing import NamedTuple
 
@@ -91,11 +92,13 @@ class BoardLink:
         self.restarted = False
         """Whether the board has started anew since it was asked who it is."""
         self._number = 0
+        self._reading = Lock()  # diagnostics look whether the board is silent in a thread of their own
 
     def open(self) -> None:
         """Open the port again, which may have been gone. Raises UserError as the constructor."""
-        self._close()
-        self._line = _opened(self.port, self._speed)
+        with self._reading:
+            self._close()
+            self._line = _opened(self.port, self._speed)
 
     def _close(self) -> None:
         if (line := getattr(self, "_line", -1)) >= 0:
@@ -106,8 +109,12 @@ class BoardLink:
 
     @property
     def silent(self) -> bool:
-        """Whether the board has been silent for too long; what waits on the line is read first."""
-        self._read(0.0)
+        """Whether the board has been silent for too long; what waits on the line is read first, unless somebody waits
+        for it.
+        """
+        if self._reading.acquire(blocking=False):
+            self._read(0.0)
+            self._reading.release()
         return monotonic() - self.heard > SILENT_AFTER
 
     def hello(self, *, patience: float = 2.0) -> BoardIdentity:
@@ -193,15 +200,15 @@ class BoardLink:
 
     def _ask(self, kind: bytes, content: bytes, wanted: bytes, patience: float) -> bytes:
         """The answer to a question, without its head. Raises BoardSilent."""
-        head = wanted + self._send(kind, content)
-        end = monotonic() + patience
         self.asked += 1
-        while True:
-            for answer in self._read(max(end - monotonic(), 0.0)):
-                if answer.startswith(head):
-                    return answer[len(head) :]
-            if monotonic() > end:
-                raise BoardSilent
+        with self._reading:
+            head, end = wanted + self._send(kind, content), monotonic() + patience
+            while True:
+                for answer in self._read(max(end - monotonic(), 0.0)):
+                    if answer.startswith(head):
+                        return answer[len(head) :]
+                if monotonic() > end:
+                    raise BoardSilent
 
     def _read(self, patience: float) -> list[bytes]:
         """Answers that came; heartbeats are noted."""

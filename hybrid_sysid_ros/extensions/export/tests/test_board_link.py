@@ -146,6 +146,24 @@ def test_a_board_that_started_anew_is_asked_who_it_is(problem):
     assert board.resets == before + 1
 
 
+def test_diagnostics_that_look_whether_a_board_is_silent_take_no_answer_away(problem):
+    """They are made in another thread, while an answer is waited for."""
+    board, asking = PretendedBoard(), threading.Event()
+    driver = controller(board, problem)
+
+    def look():
+        while not asking.is_set():
+            assert not driver.link.silent
+
+    other = threading.Thread(target=look)
+    other.start()
+    for _ in range(50):
+        assert asked(driver)[0] is not None
+    asking.set()
+    other.join()
+    assert driver.unanswered == 0
+
+
 class Ears:
     """Stands in for the node that listens for a board: what it publishes, repeats and holds is counted."""
 
