@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from hybrid_sysid_ros import models
-from hybrid_sysid_ros.commands import demo, evaluate, identify, run
+from hybrid_sysid_ros.commands import evaluate, identify, run
 from hybrid_sysid_ros.commands.app import arguments_of
+from hybrid_sysid_ros.extensions.demo.commands import demo
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.trunk import NEIGHBOURS
@@ -44,7 +45,7 @@ def test_an_extension_of_ours_that_fails_is_named() -> None:
 
 
 def _options(extension: extensions.Extension) -> set[str]:
-    """Options that it adds to commands of the trunk."""
+    """Options that it adds to commands of others."""
     commands: dict[str, Callable[..., None]] = {
         "companions": run.command,
         "demos": demo.command,

@@ -24,7 +24,9 @@ from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
-OF_EXTENSIONS = ("drawing", "faults", "scene", "mockup", "modes", "names", "policy_training", "policy_certificate")
+OF_EXTENSIONS = (
+    "demo", "drawing", "faults", "scene", "mockup", "modes", "names", "policy_training", "policy_certificate",
+)  # fmt: skip
 """Sections of this package's extensions, which a rig may have where the extensions are missing."""
 BEYOND = 1e9
 """Limit of all states, inputs and outputs in any unit."""

@@ -7,11 +7,12 @@ NODES = "hybrid_sysid_ros.nodes"
 STRUCTURES = "hybrid_sysid_ros.structures"
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
-    "demo", "travel", "disturbances", "validity", "offsets", "mpc",
+    "travel", "disturbances", "validity", "offsets", "mpc",
 )  # fmt: skip
 
 NEIGHBOURS = {
-    "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander", "--commander", "--layers"),
+    "accuracy": ("accuracy", "mockup"), "checks": ("check", "rig check"), "demo": ("demo",),
+    "commander": ("say", "mcp", "commander", "--commander", "--layers"),
     "driver": ("rig driver",), "ensemble": ("ensemble",), "experiment_design": ("design",),
     "export": (
         "model export", "policy export", "export fmu", "export loop", "export board", "export page",
@@ -42,10 +43,7 @@ TRUNK = Extension(
         "evaluate": (f"{COMMANDS}.evaluate", "Score a model on bags by free run and closed loop."),
         "run": (f"{COMMANDS}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
         "parameters": (f"{COMMANDS}.parameters", "Write the ROS parameter file of a rig's nodes."),
-        "check": (f"{COMMANDS}.check", "Check the installation in a quarter of a minute."),
-        "demo": (f"{COMMANDS}.demo", "From bags to a controlled rig: identify, run the loop, report."),
         "rig new": (f"{COMMANDS}.rig_new", "Write a small rig to begin with."),
-        "rig check": (f"{COMMANDS}.rig_check", "Check a rig and show its step response."),
         "rig list": (f"{COMMANDS}.rig_list", "List the rigs that are known by name."),
     },
     nodes={

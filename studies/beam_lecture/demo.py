@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.demo import OUT, Out, Train, demo
 from hybrid_sysid_ros.commands.options import Overwrite
-from hybrid_sysid_ros.runtime.demo_recipe import RecordSplit
+from hybrid_sysid_ros.extensions.demo.commands.demo import OUT, Out, Train, demo
+from hybrid_sysid_ros.extensions.shared.demo_recipe import RecordSplit
 from studies.beam_lecture.lecture import RIG, arrange, read_folder, table_name
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import plant_near
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_unknown, section
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.demo import OUT
+from hybrid_sysid_ros.extensions.shared.demo_loop import OUT
 from hybrid_sysid_ros.rigs.rig import Rig, default
 
 DemoBody = Annotated[

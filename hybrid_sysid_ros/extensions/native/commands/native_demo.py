@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.commands.demo import run_loop
 from hybrid_sysid_ros.commands.terminal import print_lines, status
 from hybrid_sysid_ros.extensions.native.companion import Native
 from hybrid_sysid_ros.extensions.shared.demo_body import DemoBody, demo_folder
+from hybrid_sysid_ros.extensions.shared.demo_loop import run_loop
 from hybrid_sysid_ros.report.run_summary import RunSummary
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig

@@ -12,8 +12,9 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.demo import OUT, run_loop, tracked, write_text
 from hybrid_sysid_ros.commands.terminal import print_lines, print_table, status, typed
+from hybrid_sysid_ros.extensions.shared.demo_loop import OUT, run_loop, tracked
+from hybrid_sysid_ros.extensions.shared.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.extensions.vision.camera.film import CRF
 from hybrid_sysid_ros.extensions.vision.camera.filming import filmed
@@ -35,10 +36,9 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, processes
-from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256
+from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256, write_text
 
 SECONDS = 40.0
 """Of the film that is learned from."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +16,8 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import options, terminal
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.extensions.shared.demo_loop import OUT, run_loop, tracked
+from hybrid_sysid_ros.extensions.shared.demo_recipe import DemoRecipe, RecordSplit
 from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
 from hybrid_sysid_ros.identification.identify import experiment_of, scores_of
 from hybrid_sysid_ros.models import Model
@@ -25,9 +26,7 @@ from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, processes
 from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
-from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe, RecordSplit
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
-from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError, counted
@@ -39,7 +38,6 @@ Out = Annotated[
     typer.Option("--out", help="Folder for the results; by default out/demo, out/demo_RIG or out/demo_camera."),
 ]
 Train = Annotated[bool, typer.Option("--train", help="Train a new model and policy instead of using the shipped ones.")]
-OUT = Path("out/demo")
 EXTENDED_BY = "demos"
 
 
@@ -167,40 +165,11 @@ def _identified(model: Model, records: RecordSplit, rig: Rig) -> dict[str, Any]:
     }
 
 
-def tracked(section: report.ClosedLoopSection, plan: DemoRecipe) -> dict[str, Any]:
-    """The summary of the loop's tracking; the unit is one where all parts have the same, else one for each."""
-    rmse, units = section.rmse, section.units
-    scored = [name for name in plan.scored if name in rmse]
-    named = {name: units[name] for name in scored}
-    return {
-        "unit": next(iter(named.values())) if len(set(named.values())) == 1 else named,
-        "tracking_rmse": {name: round(rmse[name], 4) for name in scored},
-    }
-
-
 def _train(model: Model, folder: Path, seed: int) -> None:
     with progress_bars(terminal.status) as update:
         extensions.one("policies", "train")(model, seed=seed, samples=beside(folder, ".samples"), progress=update).save(
             folder
         )
-
-
-def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:
-    """The bag of the loop, and the last diagnostics of its nodes; options: fields of :class:`~.runtime.run.Run`."""
-    with progress_bars(terminal.status) as update:
-        outcome = Run(
-            rig=rig.source,
-            reference=reference,
-            bag=bag,
-            overwrite=True,
-            domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # away from running rigs
-            tell=terminal.status.print,
-            progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
-            **options,
-        ).go()
-    if outcome.interrupted or outcome.bag is None:
-        raise KeyboardInterrupt
-    return outcome.bag, outcome.diagnostics
 
 
 def _table(summary: dict[str, Any]) -> Table:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.extensions.shared import demo_recipe
+from hybrid_sysid_ros.extensions.shared.demo_recipe import SHIPPED_BAGS, DemoRecipe
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.folder import names
-from hybrid_sysid_ros.runtime import demo_recipe
-from hybrid_sysid_ros.runtime.demo_recipe import SHIPPED_BAGS, DemoRecipe
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from scipy import signal
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import Dry, System, bounded
 from hybrid_sysid_ros.core.mathematics import dead_zone, log, sqrt
+from hybrid_sysid_ros.extensions.checks.findings import check, step_responses
 from hybrid_sysid_ros.rigs.actuator import Actuator
-from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.drivers import ExperimentLoop, Experiments
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.rigs.experiments import simulate_experiment

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, named_numbers, numbers, refuse_unknown, section
 
-SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
+SHIPPED_BAGS = Path(__file__).resolve().parents[3] / "bags"
 KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "reference", "scored", "simulate")
 """Keys of the section demo of rig.yaml."""
 
@@ -130,6 +130,12 @@ class DemoRecipe:
         raise UserError(
             f"{rig.file}: demo: no bag {name} in {places[0].parent}: record it there, or hybrid-sysid simulate it"
         )
+
+
+def checked(rig: Rig) -> None:
+    """Raise UserError for wrong values in the section, and for bags that are missing."""
+    if rig.content["demo"].keys() != {"step", "period"}:  # which are those of fits, also without a demo
+        DemoRecipe.of(rig).places(rig)
 
 
 def _names(given: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:

@@ -19,8 +19,8 @@ from hybrid_sysid_ros.bags import read
 from hybrid_sysid_ros.commands.options import Json, RigName
 from hybrid_sysid_ros.commands.terminal import console, end, status
 from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.extensions.checks.findings import check
 from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
-from hybrid_sysid_ros.rigs import check as rig_check
 from hybrid_sysid_ros.rigs import experiments
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import processes
@@ -73,7 +73,7 @@ class Checks:
 
     def equations(self) -> str:
         """Check the rig's file and equations."""
-        problems = rig_check.check(self.rig).problems
+        problems = check(self.rig).problems
         if problems:
             raise UserError(problems[0])
         return str(self.rig.folder)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros.commands.options import Json, RigPlace
 from hybrid_sysid_ros.commands.terminal import console, end, print_table
-from hybrid_sysid_ros.rigs.check import MOST_STEPS, check, step_responses
+from hybrid_sysid_ros.extensions.checks.findings import MOST_STEPS, check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import preflight
 from hybrid_sysid_ros.support.arrays import Array
@@ -79,29 +78,13 @@ def _facts(rig: Rig) -> Table:
 
 
 def _sections(rig: Rig) -> list[str]:
-    """What is wrong with the sections of demo and extensions."""
+    """What is wrong with the sections of extensions."""
     problems = list[str]()
-    made: tuple[tuple[str, Callable[[], Any]], ...] = (
-        ("demo", lambda: _demo(rig)),
-        *((name, partial(_of_extension, target, rig)) for name, target in targets("sections").items() if target),
-    )
-    for section, make in made:
-        with preflight.collected_in_file(problems, rig, section):
-            _ = make() if section in rig.content else None
+    for section, target in targets("sections").items():
+        if target and section in rig.content:
+            with preflight.collected_in_file(problems, rig, section), blaming(target, target):
+                loaded(target)(rig)
     return problems
-
-
-def _of_extension(target: str, rig: Rig) -> None:
-    """Let an extension check its section."""
-    with blaming(target, target):
-        loaded(target)(rig)
-
-
-def _demo(rig: Rig) -> None:
-    from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe  # takes a second
-
-    if rig.content["demo"].keys() != {"step", "period"}:  # which are those of fits, also without a demo
-        DemoRecipe.of(rig).places(rig)
 
 
 def _content(rig: Rig, responses: StepResponses | None) -> dict[str, Any] | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.commands.check import Checks
+from hybrid_sysid_ros.extensions.checks.commands.check import Checks
 from hybrid_sysid_ros.rigs.folder import find, names
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.parameters import NothingShippedError

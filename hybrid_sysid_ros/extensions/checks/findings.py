@@ -10,11 +10,11 @@ import numpy as np
 from hybrid_sysid_ros.core import Sensitivities, System, one_step, rollouts
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
+from hybrid_sysid_ros.extensions.checks.transition import transition_of
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPassFilter
-from hybrid_sysid_ros.rigs.transition import transition_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -1,0 +1,1 @@
+"""Demo: from bags to a controlled rig, in one command."""
