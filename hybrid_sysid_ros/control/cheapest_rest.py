@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import daqp
 import numpy as np
-from scipy.linalg import null_space
+import scipy
 
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.steady_motion import NEWTON_STEPS, STEADY, SteadyMotion, jacobian_at, steady_motion
@@ -35,7 +35,8 @@ def cheapest_rest(system: System, problem: ControlProblem, outputs: Array) -> St
         y, *by_z = jacobian_at(system, problem, z[:n], z[n:], output=True)
         equations = np.vstack([np.hstack([by_x - np.eye(n), by_u]), np.hstack(by_z)[tracked]])
         residual = np.concatenate([following - z[:n] - drift, (y - outputs)[tracked]])
-        at = _cheapest(problem, z - np.linalg.lstsq(equations, residual, rcond=None)[0], null_space(equations), weights)
+        nearest = z - np.linalg.lstsq(equations, residual, rcond=None)[0]
+        at = _cheapest(problem, nearest, scipy.linalg.null_space(equations), weights)
         if at is None:
             return found
         change, z = np.max(np.abs(at - z)), at

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve_discrete_are
+import scipy
 
 from hybrid_sysid_ros.control.cheapest_rest import cheapest_rest
 from hybrid_sysid_ros.control.problem import ControlProblem
@@ -48,14 +48,14 @@ def riccati_terms(system: System, problem: ControlProblem, outputs: Array) -> tu
     # A stage costs what its end does: seen along the new state.
     forward, into = whole
     try:
-        found = solve_discrete_are(
+        found = scipy.linalg.solve_discrete_are(
             forward,
             into,
             forward.T @ seen @ forward,
             np.diag(on_changes) + into.T @ seen @ into,
             s=forward.T @ seen @ into,
         )
-    except (LinAlgError, ValueError) as error:
+    except (np.linalg.LinAlgError, ValueError) as error:
         raise UserError(f"mpc: there is no Riccati cost at {outputs.tolist()}: {error}") from error
     values, vectors = np.linalg.eigh(0.5 * (found + found.T))
     names = [item.name for item in (*system.states, *system.inputs)]

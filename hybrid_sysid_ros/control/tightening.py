@@ -9,7 +9,7 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve_discrete_are
+import scipy
 
 from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
@@ -206,8 +206,9 @@ def _regulator(system: System, problem: ControlProblem, outputs: Array) -> Array
     seen = c.T @ (weights.outputs[0, : len(c), None] * c)
     own = np.maximum(weights.rates[0] + weights.inputs[0], LEAST * max(float(np.abs(b.T @ seen @ b).max()), LEAST))
     try:
-        cost = solve_discrete_are(a, b, seen + LEAST * np.eye(len(a)) * max(np.abs(seen).max(), 1.0), np.diag(own))
-    except (LinAlgError, ValueError) as error:
+        stated = seen + LEAST * np.eye(len(a)) * max(np.abs(seen).max(), 1.0)
+        cost = scipy.linalg.solve_discrete_are(a, b, stated, np.diag(own))
+    except (np.linalg.LinAlgError, ValueError) as error:
         raise UserError(f"mpc: tightening: no regulator comes to rest there; give feedback: false ({error})") from error
     gains: Array = np.linalg.solve(np.diag(own) + b.T @ cost @ b, b.T @ cost @ a)
     return gains

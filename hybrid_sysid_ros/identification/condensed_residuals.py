@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky
+import scipy
 
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -55,7 +55,8 @@ def _root(normal: Array) -> Array:
     largest = normal.diagonal().max()
     for shift in SHIFTS:
         try:
-            return np.asarray(cholesky(normal + shift * largest * np.eye(len(normal)), check_finite=False))
-        except LinAlgError:
+            shifted = normal + shift * largest * np.eye(len(normal))
+            return np.asarray(scipy.linalg.cholesky(shifted, check_finite=False))
+        except np.linalg.LinAlgError:
             continue
     raise UserError("identification: the errors do not determine the learned part; take fewer units")

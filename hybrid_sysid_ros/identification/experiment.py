@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import detrend, savgol_coeffs, savgol_filter
-from scipy.stats import kurtosis
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
@@ -161,7 +160,9 @@ def _band_limited(values: Array) -> bool:
     if len(values) < 64 or np.mean(changes == 0.0) > RESTS:
         return False
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
-    return bool(np.sum(power[round(HIGH * len(power)) :]) < POWER * np.sum(power) and kurtosis(changes) < JUMPS)
+    return bool(
+        np.sum(power[round(HIGH * len(power)) :]) < POWER * np.sum(power) and scipy.stats.kurtosis(changes) < JUMPS
+    )
 
 
 def _bends(inputs: Array, times: int) -> Array | None:
@@ -200,14 +201,14 @@ def check_range(experiment: PreparedRecord, system: System) -> None:
 def rates(record: Record, period: float = SMOOTHING_SECONDS) -> Array:
     """Rates of change of the outputs (samples, outputs) by Savitzky-Golay of order 3. period: of scored samples."""
     window = _window(record, period)
-    return np.asarray(savgol_filter(record.output, window, 3, deriv=1, delta=record.sampling_time, axis=0))
+    return np.asarray(scipy.signal.savgol_filter(record.output, window, 3, deriv=1, delta=record.sampling_time, axis=0))
 
 
 def noise_of(record: Record, period: float = SMOOTHING_SECONDS) -> Array:
     """Noise of the outputs, (outputs,): root mean squares about the curve whose slopes :func:`rates` are."""
     window = _window(record, period)
-    left = record.output - savgol_filter(record.output, window, 3, axis=0)
-    share = 1.0 - savgol_coeffs(window, 3)[window // 2]  # of white noise that is left
+    left = record.output - scipy.signal.savgol_filter(record.output, window, 3, axis=0)
+    share = 1.0 - scipy.signal.savgol_coeffs(window, 3)[window // 2]  # of white noise that is left
     least = LEAST_NOISE * np.std(record.output, axis=0)
     return np.asarray(np.maximum(np.sqrt(np.mean(left**2, axis=0) / share), np.maximum(least, 1e-12)))
 
@@ -224,8 +225,8 @@ def _alias(output: Array, inputs: Array, every: int) -> Array:
     if apart < 2 * BESIDE[1]:
         return found
     beside = np.concatenate([np.arange(*BESIDE), -np.arange(*BESIDE)])
-    level = detrend(output, axis=0)
-    powers = [_powers(level), _powers(detrend(inputs, axis=0))]
+    level = scipy.signal.detrend(output, axis=0)
+    powers = [_powers(level), _powers(scipy.signal.detrend(inputs, axis=0))]
     moves = np.var(level, axis=0) / np.maximum(np.var(inputs, axis=0)[:, None], 1e-300)  # (inputs, outputs)
     for k in range(1, every // 2 + 1):
         at = min(round(k * apart), len(powers[0]) - 1)
@@ -249,9 +250,9 @@ def _rate_noise(record: Record, period: float, found: Array, noise: Array) -> Ar
     motion, as smoothing twice as long shows it.
     """
     window, samples = _window(record, period), record.samples
-    edge = np.linalg.norm(savgol_coeffs(window, 3, deriv=1, delta=record.sampling_time, pos=0))
+    edge = np.linalg.norm(scipy.signal.savgol_coeffs(window, 3, deriv=1, delta=record.sampling_time, pos=0))
     longer = min(2 * window - 1, (samples - 1) // 2 * 2 - 1)
-    other = savgol_filter(record.output, longer, 3, deriv=1, delta=record.sampling_time, axis=0)
+    other = scipy.signal.savgol_filter(record.output, longer, 3, deriv=1, delta=record.sampling_time, axis=0)
     return np.asarray(np.hypot(noise * edge, np.sqrt(np.mean((found - other) ** 2, axis=0))))
 
 

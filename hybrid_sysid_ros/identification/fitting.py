@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 from threadpoolctl import threadpool_limits
 
 from hybrid_sysid_ros.core import System, Variable
@@ -278,7 +278,7 @@ def _solve(problem: FitProblem, horizon: int | None, point: Array, limits: tuple
     residuals, jacobian = problem.residuals(horizon), problem.jacobian(horizon, run)
     many = len(problem.system.weights) >= MANY
     asked = CondensedResiduals(residuals, jacobian) if many else None
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         asked.residuals if asked else residuals,
         np.clip(point, lower, upper),
         asked.jacobian if asked else jacobian,

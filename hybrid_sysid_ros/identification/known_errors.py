@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from hybrid_sysid_ros.core import rollouts
 from hybrid_sysid_ros.core.sensing import finest
@@ -72,5 +72,6 @@ def _blurred(outputs: Array, windows: Array) -> Array:
     for column, window in enumerate(windows.tolist()):
         count = round(window) // 2 * 2 + 1
         if count > 1:
-            found[:, column] = uniform_filter1d(outputs[:, column], count, mode="nearest") - outputs[:, column]
+            values = outputs[:, column]
+            found[:, column] = scipy.ndimage.uniform_filter1d(values, count, mode="nearest") - values
     return found

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -203,4 +202,4 @@ def widening(edges: NDArray[np.int64], lags: NDArray[np.int64]) -> float:
 def student_factor(freedom: float) -> float:
     """By how much a Student's interval of LEVEL is longer than a normal one, for at least two degrees of freedom."""
     level = 0.5 + 0.5 * LEVEL
-    return float(student.ppf(level, max(freedom, 2.0)) / norm.ppf(level))
+    return float(scipy.stats.t.ppf(level, max(freedom, 2.0)) / scipy.stats.norm.ppf(level))

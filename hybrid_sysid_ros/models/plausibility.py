@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import label, median_filter
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
@@ -84,15 +84,15 @@ def spikes(record: Record, rig: Rig, signals: Signals | None = None) -> list[str
     """Lines on outputs with spikes: samples that differ from their neighbours by as much as the rest of the record."""
     found = []
     for channel in _outputs(record, rig, signals) if record.samples >= AROUND else ():
-        around = median_filter(channel.values, AROUND, mode="reflect")
+        around = scipy.ndimage.median_filter(channel.values, AROUND, mode="reflect")
         usual = np.percentile(channel.values, MIDDLE)
         low, high = min(around.min(), usual[0]), max(around.max(), usual[1])
         away = np.abs(channel.values - around) > SPAN * (high - low)
         beyond = np.flatnonzero(away)
         if high > low and len(beyond):
-            worst = _farthest(channel.values, beyond)
+            worst, spikes = _farthest(channel.values, beyond), counted(scipy.ndimage.label(away)[1], "spike")
             found.append(
-                f"{channel.what}: output {channel.variable.name} has {counted(label(away)[1], 'spike')}, the first at "
+                f"{channel.what}: output {channel.variable.name} has {spikes}, the first at "
                 f"{channel.at(int(beyond[0]))}, the farthest to {channel.values[worst]:.6g} {channel.variable.unit} at "
                 f"{channel.at(worst)}, where all else is within {low:.4g} and {high:.4g}: repair the driver or the "
                 "sensor, or leave those parts out (--part)"

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
@@ -130,8 +130,8 @@ class FrozenHybrid(JointHybrid):
         return replace(
             found,
             names=(*gray.names, *found.names),
-            covariance=block_diag(gray.covariance, found.covariance),
-            by_cost=block_diag(gray.by_cost, found.by_cost),
+            covariance=scipy.linalg.block_diag(gray.covariance, found.covariance),
+            by_cost=scipy.linalg.block_diag(gray.by_cost, found.by_cost),
         )
 
 

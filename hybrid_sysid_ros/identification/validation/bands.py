@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import correlate
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
@@ -191,7 +191,7 @@ def correlation_time(parts: Sequence[Array], *, centred: bool = True) -> float:
     sums = np.zeros(longest)
     for part in parts:
         own = part - part.mean() if centred else part
-        sums[: len(part)] += correlate(own, own, method="fft")[len(part) - 1 :]
+        sums[: len(part)] += scipy.signal.correlate(own, own, method="fft")[len(part) - 1 :]
     times = 2.0 * np.cumsum(sums / max(float(sums[0]), 1e-300)) - 1.0
     enough = np.flatnonzero(np.arange(longest) >= WINDOW * times)
     return float(np.clip(times[enough[0]] if len(enough) else times[-1], 1.0, longest))

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
-from scipy.signal import correlate
-from scipy.stats import chi2, norm
 
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -48,8 +46,8 @@ class ResidualTest:
         cls, lags: NDArray[np.int64], values: Array, variance: float, statistic: float, degrees: int
     ) -> ResidualTest:
         """A test from the variance of a coefficient where nothing is left, and the statistic of all."""
-        bound = float(norm.ppf(0.5 + 0.5 * CONFIDENCE) * np.sqrt(variance))
-        p_value = float(chi2.sf(statistic, degrees))
+        bound = float(scipy.stats.norm.ppf(0.5 + 0.5 * CONFIDENCE) * np.sqrt(variance))
+        p_value = float(scipy.stats.chi2.sf(statistic, degrees))
         return cls(lags=lags, values=values, bound=bound, statistic=float(statistic), degrees=degrees, p_value=p_value)
 
     @property
@@ -102,9 +100,9 @@ def independence(residuals: Array, signal: Array, *, lags: int = LAGS) -> Residu
     all_lags = np.arange(-lags, lags + 1)
     values = _covariances(error, cause)[samples - 1 + all_lags]
     own = _covariances(error, error) * _parzen(np.arange(1 - samples, samples) / (SPAN * lags))
-    products = correlate(own, _covariances(cause, cause), mode="full", method="fft")
+    products = scipy.signal.correlate(own, _covariances(cause, cause), mode="full", method="fft")
     middle = len(products) // 2
-    variances, directions = np.linalg.eigh(toeplitz(products[middle : middle + lags + 1]))
+    variances, directions = np.linalg.eigh(scipy.linalg.toeplitz(products[middle : middle + lags + 1]))
     excited = variances > NO_POWER * variances[-1]
     amounts = directions.T[excited] @ values[lags:]
     statistic = samples * np.sum(amounts**2 / variances[excited])
@@ -143,7 +141,7 @@ def correlation_tests(residuals: Array, signal: Array, *, lags: int = LAGS) -> d
 
 def _covariances(first: Array, second: Array) -> Array:
     """1/N sum first(t) second(t - k) at k = -(N - 1) ... N - 1, shape (2 N - 1,)."""
-    return np.asarray(correlate(first, second, mode="full", method="fft") / len(first))
+    return np.asarray(scipy.signal.correlate(first, second, mode="full", method="fft") / len(first))
 
 
 def _parzen(share: Array) -> Array:
