@@ -136,9 +136,9 @@ def test_a_section_of_nobody_is_refused(heating: Path, here: Here, apart: Apart,
     assert here("rig", "new", heating)[0] == 0
     with (heating / "rig.yaml").open("a", encoding="utf-8") as file:
         file.write("\nheating: {}\n")
-    assert here("rig", "check", heating)[0] == 0
+    assert here("parameters", "--rig", heating)[0] == 0
     (tmp_path / "site").rename(tmp_path / "away")
-    refused = apart("rig", "check", heating)  # a process reads a rig once
+    refused = apart("parameters", "--rig", heating)  # a process reads a rig once
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
     assert "unknown key 'heating'" in refused.stderr
 
@@ -167,39 +167,39 @@ MANIFEST = "from hybrid_sysid_ros.support.manifest import Extension\nEXTENSION =
     ],
 )
 def test_a_bad_extension_is_named_in_a_line_and_the_rest_works(
-    tmp_path: Path, apart: Apart, manifest: str, why: str
+    tmp_path: Path, here: Here, manifest: str, why: str
 ) -> None:
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=manifest)
     offer(tmp_path / "site", "waves", "waves.extension:EXTENSION", extension=MANIFEST.format(
         "waves", "commands={'waves': ('waves.command', 'Make waves.')}"))  # fmt: skip
-    found = apart("--help")
-    assert found.returncode == 0
-    assert all(word in found.stdout for word in ("identify", "Make waves."))
-    assert found.stderr.count("\n") == 1
-    assert found.stderr.startswith("warning: extension tides ")
-    assert why in found.stderr
+    status, printed, complaint = here("--help")
+    assert status == 0
+    assert all(word in printed for word in ("identify", "Make waves."))
+    assert complaint.count("\n") == 1
+    assert complaint.startswith("warning: extension tides ")
+    assert why in complaint
 
 
-def test_of_two_extensions_of_one_name_the_first_is_used(tmp_path: Path, apart: Apart) -> None:
+def test_of_two_extensions_of_one_name_the_first_is_used(tmp_path: Path, here: Here) -> None:
     for name in ("tides", "waves"):
         given = f"commands={{'{name}': ('{name}', 'Of {name}.')}}"
         offer(tmp_path / "site", name, f"{name}.extension:EXTENSION", extension=MANIFEST.format("sea", given))
-    found = apart("--help")
-    assert "Of tides." in found.stdout
-    assert "Of waves." not in found.stdout
-    assert found.stderr.count("\n") == 1
-    assert "extension sea" in found.stderr
+    _, printed, complaint = here("--help")
+    assert "Of tides." in printed
+    assert "Of waves." not in printed
+    assert complaint.count("\n") == 1
+    assert "extension sea" in complaint
 
 
-def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, apart: Apart) -> None:
+def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, here: Here) -> None:
     given = "provides={'companions': {'tides': 'tides.nowhere:companion'}}"
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
-    assert apart("--help").stderr == ""
-    found = apart("run", "--help")
-    assert found.returncode == 0
-    assert "--lockstep" in found.stdout
-    assert found.stderr.count("\n") == 1
-    assert "tides.nowhere" in found.stderr
+    assert here("--help")[2] == ""
+    status, printed, complaint = here("run", "--help")
+    assert status == 0
+    assert "--lockstep" in printed
+    assert complaint.count("\n") == 1
+    assert "tides.nowhere" in complaint
 
 
 def test_an_estimator_of_another_package_is_a_method(tmp_path: Path, here: Here) -> None:
@@ -326,11 +326,11 @@ def test_an_interrupt_while_extensions_are_looked_for_stays_one(tmp_path: Path, 
     ],
 )
 def test_a_model_of_a_structure_that_is_left_out_names_its_extension(
-    tmp_path: Path, apart: Apart, manifest: str, why: str
+    tmp_path: Path, here: Here, manifest: str, why: str
 ) -> None:
     replace(models.load(ROOT / "trained" / "cam_beam" / "model"), structure="tides").save(tmp_path / "m")
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=manifest)
-    found = apart("evaluate", tmp_path / "m", BAG)
-    *_, line = found.stderr.splitlines()
-    assert (found.returncode, line.startswith(f"error: {tmp_path / 'm' / 'model.yaml'}: ")) == (2, True)
+    status, _, complaint = here("evaluate", tmp_path / "m", BAG)
+    *_, line = complaint.splitlines()
+    assert (status, line.startswith(f"error: {tmp_path / 'm' / 'model.yaml'}: ")) == (2, True)
     assert why in line
