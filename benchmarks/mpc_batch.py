@@ -20,9 +20,9 @@ from rich.table import Table
 from benchmarks import acados_peer, result
 from benchmarks.mpc_speed import SEEDS, cases, loop
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import ExactMpc, MpcSolution, Status, scenarios
-from hybrid_sysid_ros.control.tightening import Tightening, covariance_of, tightened
-from hybrid_sysid_ros.extensions.shared import parallel
+from hybrid_sysid_ros.control import ExactMpc, MpcSolution, Status
+from hybrid_sysid_ros.extensions.shared import parallel, scenarios
+from hybrid_sysid_ros.extensions.tightening.tightening import Tightening, covariance_of, tightened
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration

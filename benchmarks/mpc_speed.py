@@ -20,12 +20,13 @@ from rich.table import Table
 from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import ControlProblem, ExactMpc, MpcSolution, Status, scenarios
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, MpcSolution, Status
 from hybrid_sysid_ros.control.mpc.calls import solve_call
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import STATUSES
 from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
+from hybrid_sysid_ros.extensions.shared import scenarios
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration

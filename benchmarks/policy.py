@@ -29,20 +29,20 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.mpc_speed import Case, cases, loop
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, scenarios
+from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.control.scenarios import Scenario
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.extensions.policies.configured import train_configured_policy
-from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios, scenarios
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.extensions.shared.reference_kinds import references
+from hybrid_sysid_ros.extensions.shared.scenarios import Scenario
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig

@@ -86,8 +86,8 @@ class ControlProblem:
     stage_parameters: tuple[tuple[str, Numbers], ...] = ()
     """Names of parameters in the terms' formulas, also as a mapping, with a value for all stages or N values."""
     state_margins: tuple[Numbers, ...] = ()
-    """By how much the bounds of each state are moved in at each stage, (n, N), see :func:`~.tightening.tightened`;
-    costs of loops don't know it. Empty: not at all.
+    """By how much the bounds of each state are moved in at each stage, (n, N); costs of loops don't know it.
+    Empty: not at all.
     """
     smoothing: float = 0.0
     """Smoothing of stick-slip [unit of the velocity]."""

@@ -49,7 +49,7 @@ class StageTerm:
     soft_quadratic: float = 1e4
     """Price of a squared distance [1/unit^2]."""
     margin: Numbers | float = 0.0
-    """By how much soft bounds are moved in, one number or one for each stage, see :func:`~.tightening.tightened`."""
+    """By how much soft bounds are moved in, one number or one for each stage."""
     final: bool = False
     """Whether it counts at the end of the horizon alone."""
 

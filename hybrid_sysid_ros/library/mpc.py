@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.control import Controller, ExactMpc
-from hybrid_sysid_ros.control.tightening import covariance_of
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.compiling import announce_compiling
@@ -46,8 +45,8 @@ def mpc(
     all time after the horizon is added at its end. intervals: lengths of uneven intervals, in periods, such as
     [1, 1, 2, 4]; blocks: numbers of periods through which inputs are held.
     operating_point: outputs (p,) in SI units at whose steady motion the inputs cost nothing. tightening: fields of
-    :class:`hybrid_sysid_ros.control.tightening.Tightening`, by which soft bounds are moved in; without ``parameters``
-    the model's covariance counts. parameters: of the node controller, such as
+    ``Tightening`` of the extension tightening, by which soft bounds are moved in; without ``parameters`` the model's
+    covariance counts. parameters: of the node controller, such as
     {"horizon": 10, "output_weight": 4.0, "input_rate": 40.0, "real_time": True}; rates are per second. solver: "exact",
     or "ipopt", the slow reference.
 
@@ -73,12 +72,10 @@ def mpc(
     for name, values_at in (("riccati_at", riccati_at), ("final_output_weights", final_output_weights)):
         if values_at is not None:
             further[name] = np.atleast_1d(arguments.array_of(values_at, name)).tolist()
-    covariance = None
     if tightening is not None:
         further["tightening"] = arguments.plain(tightening)
-        covariance = None if "parameters" in tightening else covariance_of(used, system)
     given = {name: value for name, value in further.items() if value is not None}
-    problem = mpc_problem(values, described, system, further=given, covariance=covariance)
+    problem = mpc_problem(values, described, system, further=given, model=used)
     if solver == "exact":
         return wrap_for_rig(described, system, ExactMpc(system, problem, real_time=values["real_time"]))
     made: Controller = extensions.one("solvers", "ipopt")(system, problem)

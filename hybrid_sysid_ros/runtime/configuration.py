@@ -164,15 +164,15 @@ def mpc_problem(
     system: System | None = None,
     *,
     further: Mapping[str, Any] | None = None,
-    covariance: Array | None = None,
+    model: Model | None = None,
 ) -> ControlProblem:
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighted in display units.
 
     system: the MPC's model, by default the rig's system. States that only the model has are unbounded. Where `limits`
     is `rig`, the rig's travel and validity bound the states softly, and the rates of its actuators the changes of
     inputs, unless a stabiliser has a part in these. The section mpc of the rig's file declares further terms, and
-    ``further`` is a section that is added to it, see :func:`~.mpc_section.extended`. Raises UserError for a number that
-    makes no valid problem, and for a problem that asks for nothing.
+    ``further`` is a section that is added to it, for a model: see :func:`~.mpc_section.extended`. Raises UserError for
+    a number that makes no valid problem, and for a problem that asks for nothing.
     """
     system = system or rig.system
     kept = values["limits"] == "rig"
@@ -214,7 +214,7 @@ def mpc_problem(
     )
     problem = mpc_section.declared(rig, system, plain)
     if further:
-        problem = mpc_section.extended(system, problem, further, covariance)
+        problem = mpc_section.extended(system, problem, further, model)
     if not (any(problem.output_weights) or problem.terms):
         raise UserError(
             "mpc: all output_weights are 0, so there is nothing to track; give one a weight, or the problem a term"

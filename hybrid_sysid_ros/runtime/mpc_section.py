@@ -14,17 +14,16 @@ from hybrid_sysid_ros.control.cheapest_rest import cheapest_rest
 from hybrid_sysid_ros.control.steady_motion import SteadyMotion, jacobian_at
 from hybrid_sysid_ros.control.terminal_cost import STILL, riccati_terms
 from hybrid_sysid_ros.control.terms import terms_of
-from hybrid_sysid_ros.control.tightening import Tightening, tightened
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
 FIELDS = ("terms", "stage_parameters", "final_output_weights", "intervals", "blocks")
 """Fields of the problem."""
-TIGHTENING = "tightening"
-"""What is uncertain, see :class:`~hybrid_sysid_ros.control.tightening.Tightening`."""
 OPERATING = "operating_point"
 """Outputs at whose steady motion the inputs cost nothing [SI]."""
 RICCATI = "riccati_at"
@@ -67,13 +66,14 @@ def _check_within(system: System, problem: ControlProblem, rest: SteadyMotion, w
 
 
 def extended(
-    system: System, problem: ControlProblem, given: Mapping[str, Any], covariance: Array | None = None
+    system: System, problem: ControlProblem, given: Mapping[str, Any], model: Model | None = None
 ) -> ControlProblem:
     """The problem of a system, sized, with what the section declares: its terms are added to those of the problem, and
-    replace those of the same name. covariance: of the model's free parameters, in place of those that the
-    tightening names. Raises UserError for what makes no valid problem.
+    replace those of the same name. model: that of the system, for extensions that use what is known of its
+    parameters. Raises UserError for what makes no valid problem.
     """
-    refuse_unknown(given, (*FIELDS, OPERATING, RICCATI, TIGHTENING), "mpc")
+    further = extensions.targets("problems")
+    refuse_unknown(given, (*FIELDS, OPERATING, RICCATI, *further), "mpc")
     fields = {name: given[name] for name in FIELDS if name in given}
     if "terms" in fields:
         fields["terms"] = tuple({term.name: term for term in (*problem.terms, *terms_of(fields["terms"]))}.values())
@@ -88,8 +88,8 @@ def extended(
         _check_within(system, problem, cheapest_rest(system, problem, at), f"mpc: {RICCATI}: to stay at {at.tolist()}")
         last = riccati_terms(system, problem, at)
         problem = replace(problem, terms=(*problem.terms, *last)).sized(system)
-    if TIGHTENING in given:
-        problem = tightened(system, problem, Tightening.declared(given[TIGHTENING]), covariance)
+    for name in (name for name in further if name in given):
+        problem = extensions.loaded(further[name])(system, problem, given[name], model)
     return problem
 
 

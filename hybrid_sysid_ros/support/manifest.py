@@ -12,7 +12,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 KINDS = (
     "sections", "report", "companions", "demos", "controllers", "pictures", "structures", "blocks", "solvers",
-    "estimators", "policies", "exporters", "descriptions", "drawings", "record_checks", "record_remarks",
+    "problems", "estimators", "policies", "exporters", "descriptions", "drawings", "record_checks", "record_remarks",
     "training_notes", "use_checks", "loop_checks", "wrappers", "criteria", "inspections", "comparisons",
 )  # fmt: skip
 """Kinds of objects that an extension may provide."""

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import ExactMpc, scenarios
-from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.control import ExactMpc
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios, scenarios
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError

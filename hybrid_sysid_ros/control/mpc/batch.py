@@ -76,9 +76,7 @@ class Effort(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopArrays(Shared):
-    """A closed loop of T periods: what a scenario gives (see :class:`~hybrid_sysid_ros.control.scenarios.Scenario`),
-    and its course. Without periods there is no loop.
-    """
+    """A closed loop of T periods: what disturbs it, and its course. Without periods there is no loop."""
 
     initial_states: Array
     initial_inputs: Array

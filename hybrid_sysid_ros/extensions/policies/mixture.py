@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import Scenario
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.shared import drawn_scenarios
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread
 from hybrid_sysid_ros.extensions.shared.reference_kinds import KINDS, references
+from hybrid_sysid_ros.extensions.shared.scenarios import Scenario
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.structured import numbers

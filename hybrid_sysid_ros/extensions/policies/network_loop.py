@@ -12,13 +12,13 @@ from hybrid_sysid_ros.control.mpc.linearisation import assign
 from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights
-from hybrid_sysid_ros.control.scenarios import LoopRun, Scenario
 from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.extensions.shared.scenarios import LoopRun, Scenario
 from hybrid_sysid_ros.support.arrays import Array
 
 
 def run_network(scenario: Scenario, problem: ControlProblem, policy: Policy) -> LoopRun:
-    """The loop of a policy as :func:`~hybrid_sysid_ros.control.scenarios.run` simulates it; the problem is sized."""
+    """The loop of a policy as :func:`.shared.scenarios.run` simulates it; the problem is sized."""
     plant, (periods, n), m = scenario.plant, scenario.states.shape, scenario.inputs.shape[1]
     p = scenario.references.shape[1]
     loop = LoopArrays.empty(periods, problem.horizon, n, m, p)

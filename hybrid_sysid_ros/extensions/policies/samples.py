@@ -9,17 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.mpc.batch import MpcAnswers
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.scenarios import Scenario
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.policies.network_loop import run_network
-from hybrid_sysid_ros.extensions.shared import drawn_scenarios
+from hybrid_sysid_ros.extensions.shared import drawn_scenarios, scenarios
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread, magnitude
 from hybrid_sysid_ros.extensions.shared.reference_kinds import references
+from hybrid_sysid_ros.extensions.shared.scenarios import Scenario
 from hybrid_sysid_ros.support.arrays import Array
 
 UNMOVED = 0.3

@@ -13,7 +13,6 @@ from hybrid_sysid_ros.control.mpc.horizon import prediction
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
-from hybrid_sysid_ros.control.scenarios import Scenario
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.policies.criteria import (
     DRIVERS,
@@ -28,6 +27,7 @@ from hybrid_sysid_ros.extensions.policies.criteria import (
 from hybrid_sysid_ros.extensions.policies.mixture import Mixture
 from hybrid_sysid_ros.extensions.policies.solved_instances import SolvedInstances
 from hybrid_sysid_ros.extensions.policies.trial_kernels import TrialLoop, drive
+from hybrid_sysid_ros.extensions.shared.scenarios import Scenario
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

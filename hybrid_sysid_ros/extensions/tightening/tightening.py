@@ -6,22 +6,20 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
 
-from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.steady_motion import jacobian_at, steady_motion
 from hybrid_sysid_ros.core import System, step_with_jacobian
+from hybrid_sysid_ros.extensions.shared import scenarios
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown
-
-if TYPE_CHECKING:
-    from hybrid_sysid_ros.models import Model
 
 LEAST = 1e-9
 """Least weight of an input in the feedback, relative to what its effect costs."""
@@ -132,6 +130,15 @@ def tightened(
         for term, margin in zip(problem.terms, margins[n:], strict=True)
     )
     return replace(problem, state_margins=tuple(margins[:n]), terms=terms).sized(system)
+
+
+def declared(system: System, problem: ControlProblem, given: Any, model: Model | None) -> ControlProblem:
+    """The problem as :func:`tightened`, by what the section mpc declares; without ``parameters`` there the covariance
+    of a model counts.
+    """
+    asked = Tightening.declared(given)
+    by_model = model is not None and "parameters" not in given
+    return tightened(system, problem, asked, covariance_of(model, system) if by_model else None)
 
 
 def covariance_of(model: Model, system: System) -> Array:
