@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -93,21 +94,24 @@ def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **f
 
     Raises UserError where the place cannot be written.
     """
-    import jinja2
     from plotly.offline import get_plotlyjs
 
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([template.parent, TEMPLATES]),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-    )
+    environment = _environment(template.parent)
     environment.filters.update(
         filters, significant=significant, probability=probability, part=part_text, sentence=sentence, seconds=seconds
     )
     text = environment.get_template(template.name).render(plotly=get_plotlyjs(), **content)
     write_text(path, text)
     return Path(path)
+
+
+@cache
+def _environment(folder: Path) -> Any:
+    """The templates of a folder and of this package, which are compiled once."""
+    import jinja2
+
+    loader = jinja2.FileSystemLoader([folder, TEMPLATES])
+    return jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
 
 
 def drawn(figure: Any, name: str) -> str:

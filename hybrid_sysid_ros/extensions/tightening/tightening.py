@@ -137,8 +137,8 @@ def declared(system: System, problem: ControlProblem, given: Any, model: Model |
     of a model counts.
     """
     asked = Tightening.declared(given)
-    by_model = model is not None and "parameters" not in given
-    return tightened(system, problem, asked, covariance_of(model, system) if by_model else None)
+    covariance = None if model is None or "parameters" in given else covariance_of(model, system)
+    return tightened(system, problem, asked, covariance)
 
 
 def covariance_of(model: Model, system: System) -> Array:
