@@ -64,8 +64,8 @@ def test_importing_the_package_loads_no_library() -> None:
 
 def test_one_record_one_column_and_an_array_are_taken_where_lists_are(things: SimpleNamespace) -> None:
     record = hs.read_bag(BAGS / "beam_multisine", "cam_beam")
-    one = hs.identify(record, "cam_beam", "gray", part=np.array([0.0, 0.25]))
-    two = hs.identify([record], things.rig, "gray", part=[(0.0, 0.25)])
+    one = hs.identify(record, "cam_beam", "linear", part=np.array([0.0, 0.25]))
+    two = hs.identify([record], things.rig, "linear", part=[(0.0, 0.25)])
     assert one.parameters == two.parameters
 
 
@@ -247,7 +247,7 @@ def test_a_policy_keeps_to_its_model_wherever_that_is_saved(tmp_path: Path) -> N
     """What is trained on a model that was never saved goes with the folder that it is saved to later."""
     pytest.importorskip("torch")
     record = hs.read_bag(BAGS / "beam_multisine", "cam_beam")
-    model = hs.identify(record, "cam_beam", "gray", part=(0.0, 0.25))
+    model = hs.identify(record, "cam_beam", "linear", part=(0.0, 0.25))
     policy = hs.train_policy("cam_beam", model, episodes=2, rounds=1, epochs=1, hidden=(4,), workers=1)
     certificate = hs.certify(policy, loops=2, delta=0.5, workers=1)
     model.save(tmp_path / "model")

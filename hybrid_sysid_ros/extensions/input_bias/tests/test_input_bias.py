@@ -59,8 +59,7 @@ class Sleds(System):
         return x[0], SPRING * (x[1] - x[0])
 
 
-@pytest.mark.parametrize("bias", [0.05, -0.08])
-@pytest.mark.parametrize("system", [Linear(), PushedSled()], ids=["linear", "dry"])
+@pytest.mark.parametrize(("system", "bias"), [(Linear(), 0.05), (PushedSled(), -0.08)], ids=["linear", "dry"])
 def test_a_known_bias_is_found_and_the_rest_of_the_record_met(system, bias):
     found = adapt(system, experiment(system, bias), sampling=SAMPLING, prior=np.array([0.1]), seconds=5.0)
     assert found.estimated[0] == pytest.approx(bias, abs=0.02 * abs(bias))
