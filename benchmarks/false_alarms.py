@@ -75,6 +75,17 @@ def bounded(rig: Rig, command: Array) -> Array:
     return np.array([item.bounded(float(u)) for item, u in zip(rig.actuators, command, strict=True)])
 
 
+def acted(plant: Plant, command: Array, steps: int) -> Array:
+    """Advance a plant by some steps under a command (m,); the mean inputs that its actuators applied (m,), which a
+    driver reports: one that follows a command by its rate has not been there all the time.
+    """
+    total = np.zeros(len(command))
+    for _ in range(steps):
+        plant.advance(command)
+        total += plant.applied
+    return total / steps
+
+
 def hour(rig: Rig, seed: int, *, seconds: float = SECONDS) -> dict[str, Any]:
     """The rig's own reference, over and over."""
     loop, alarms, plant, schedule = loop_of(rig), Alarms(), Plant(rig, seed=seed, bias=rig.bias), rig.schedule()
@@ -86,10 +97,9 @@ def hour(rig: Rig, seed: int, *, seconds: float = SECONDS) -> dict[str, Any]:
         estimate = loop.estimator.update(time, plant.sensed(), inputs)
         times = time + loop.lead + np.concatenate([[0.0], loop.times])
         reference = scales * schedule(times % schedule.duration)
-        inputs = bounded(rig, loop.control(estimate, inputs, reference[0], reference[1:], period))
+        command = loop.control(estimate, inputs, reference[0], reference[1:], period)
         alarms.see(loop)
-        for _ in range(steps):
-            plant.advance(inputs)
+        inputs = acted(plant, command, steps)
     about = {"rig": rig.name, "seed": seed, "seconds": seconds, "left_out": sum(loop.estimator.monitor.counts)}
     return {**about, **alarms.found}
 
@@ -118,10 +128,9 @@ def certificate(rig: Rig, seed: int, *, loops: int) -> dict[str, Any]:
             plant.bias[:] = rig.bias + scenario.disturbances[interval]
             estimate = loop.estimator.update(k * period, plant.sensed(), inputs)
             preview = scenario.references[interval : interval + problem.horizon]
-            inputs = bounded(rig, loop.control(estimate, inputs, preview[0], preview, period))
+            command = loop.control(estimate, inputs, preview[0], preview, period)
             alarms.see(loop)
-            for _ in range(steps):
-                plant.advance(inputs)
+            inputs = acted(plant, command, steps)
         out += sum(loop.estimator.monitor.counts)
         alarmed += [number] if alarms.found["alarms"] > before else []
     return {"rig": rig.name, "seed": seed, "loops": loops, "alarmed": alarmed, "left_out": out, **alarms.found}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.false_alarms import bounded, loop_of
+from benchmarks.false_alarms import acted, bounded, loop_of
 from benchmarks.fault_rehearsal.best_course import best_course
 from benchmarks.fault_rehearsal.known_fault import KnownActuators, sound_readings
 from benchmarks.fault_rehearsal.signal_faults import LASTING, Fault, Moment
@@ -132,15 +132,15 @@ class Rehearsal:
             estimate = self.estimator.update(time, readings, told)
             now = time + loop.lead
             references = self.reference(np.array([now]))[0], self.reference(now + loop.times)
-            applied = told = bounded(rig, loop.control(estimate, told, *references, period))
+            applied = command = bounded(rig, loop.control(estimate, told, *references, period))
             if wrong and acts is not None:
                 applied = known.command(moment, applied) if self.known else applied
                 applied = np.clip(acts(moment, applied.copy()), low, high)
-                told = applied.copy() if fault.told or self.known else told
+            told = acted(plant, applied, steps)
+            if wrong and acts is not None and not (fault.told or self.known):
+                told = command
             if wrong and tells is not None and not self.known:
-                told = tells(moment, applied.copy())
-            for _ in range(steps):
-                plant.advance(applied)
+                told = tells(moment, told)
             yield moment.since, plant, error
 
     def _is_out(self, plant: Plant) -> bool:
