@@ -84,7 +84,7 @@ class ControllerNode(RigNode):
 
     def activate(self) -> None:
         self.layers, self.statuses = Counter[str](), Counter[str]()
-        self.clipped = self.ended = self.repeated = 0
+        self.clipped = self.ended = self.repeated = self.doubts = 0
         self.execution, self.age = Timing(), Timing()
         self.output = CommandOutput(self.open("effort_command"), self.open("predicted_trajectory"))
         self.operation.begin()

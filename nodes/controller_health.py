@@ -73,9 +73,11 @@ def loop_tasks(node: ControllerNode) -> list[Task]:
         **node.age.report("estimate_age"),
     }
     judged = node.silent(node.judged("loop", loop, answers, **values), "state_estimate")
-    if guard.level or state is LoopState.SLOWED:
+    doubts, why = guard.doubts
+    was_doubted, node.doubts = doubts != node.doubts, doubts  # since the last report: a loop slows for less
+    if was_doubted or guard.level or state is LoopState.SLOWED:
         worst = ERROR if guard.level > LoopState.SLOWED else WARN
-        words = f"{state.word}: {guard.reason}" if guard.settings.act else f"{guard.reason} (distrust is tell)"
+        words = f"{state.word}: {why}" if guard.settings.act else f"{why} (distrust is tell)"
         rest = "" if judged.level == OK else f"; {judged.message}"
         judged = replace(judged, level=max(judged.level, worst), message=words + rest)
     if not node.stamp and judged.level == OK:

@@ -15,6 +15,8 @@ from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.policy import Correction
 from hybrid_sysid_ros.control.safety.certificate import Certificate, SeedCounts
+from hybrid_sysid_ros.control.safety.failsafe import LoopState
+from hybrid_sysid_ros.control.safety.guard import LEFT_OUT
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -81,6 +83,20 @@ def test_parameters_that_the_estimator_follows_move_a_network_with_a_correction(
     assert wheel.command(0.0, coulomb=3.0) == pytest.approx(4.5)
     assert wheel.command(0.0) == pytest.approx(4.5)
     assert wheel.command(0.0, coulomb=1.5) == pytest.approx(3.75)
+
+
+def test_a_report_tells_of_a_loop_that_was_slowed_since_the_last_one(wheel: Wheel) -> None:
+    """A disconnected actuator slows a loop for .07 s in every .17 s, and a report comes every .4 s."""
+    wheel.refer([VOLT] * 3)
+    wheel.command(0.0)
+    wheel.controller.health()
+    guard = wheel.controller.adapter.guard
+    guard.judge(0.0, 1.0, math.nan, np.zeros(1), np.zeros(1), np.zeros(2), 0.005)  # a sensor is left out
+    wheel.command(0.0)
+    assert guard.level is LoopState.DRIVING
+    (told, _), (calm, _) = wheel.controller.health()[:2], wheel.controller.health()[:2]
+    assert (told.level, told.message) == (WARN, f"driving: {LEFT_OUT}")
+    assert calm.message != told.message
 
 
 def test_without_a_sound_estimate_the_command_is_held_then_zero(wheel: Wheel) -> None:

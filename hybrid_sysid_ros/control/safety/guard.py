@@ -124,6 +124,7 @@ class Guard:
         core, failsafe = old.core[0], old.failsafe[0]
         own.core[0].share, own.core[0].tried, own.core[0].row = core.share, core.tried, core.row
         own.core[0].reversed, own.core[0].cause = core.reversed, core.cause
+        own.core[0].doubted, own.core[0].found = core.doubted, core.found
         own.failsafe[0].level, own.failsafe[0].cause = failsafe.level, failsafe.cause
         own.governor[0].free, own.governor[0].slow = old.governor[0].free, old.governor[0].slow
         for output, before in zip(own.outputs, old.outputs, strict=True):
@@ -194,6 +195,12 @@ class Guard:
     def reason(self) -> str:
         """Why the level is what it is, in words, "" where it is driving."""
         return (*CAUSES, "")[self.memory.core[0].cause]  # the last one is NOTHING
+
+    @property
+    def doubts(self) -> tuple[int, str]:
+        """How many estimates have left a level above driving, and why the last one did, in words."""
+        core = self.memory.core[0]
+        return core.doubted, (*CAUSES, "")[core.found]
 
     @property
     def is_free(self) -> bool:

@@ -59,7 +59,8 @@ class GuardRecord:
     """A guard's own numbers. act, stabilised, slow_share, recent: see :class:`~.guard.GuardSettings`. share: of half
     their range that inputs have. tried: the same where an actuator is in doubt. row: of the newest command. level: that
     it allows. cause: why that is no more. reversed: the input that acts with the other sign, NONE: none does. fallen:
-    whether a state is at a stop from which no stabiliser lifts the rig.
+    whether a state is at a stop from which no stabiliser lifts the rig. doubted, found: how many estimates have left a
+    level above driving, and the cause of the last one: a report that comes seldom tells what was in between.
     """
 
     act: bool
@@ -73,6 +74,8 @@ class GuardRecord:
     cause: int = NOTHING
     reversed: int = NONE
     fallen: bool = False
+    doubted: int = 0
+    found: int = NOTHING
 
 
 @dataclass(slots=True)
@@ -164,6 +167,8 @@ def judge(
     if without > 0.0 and level == 0:
         level = 1
     core.cause = _cause(guard, without) if level > 0 else NOTHING
+    if level > 0:
+        core.doubted, core.found = core.doubted + 1, core.cause
     if not core.act:
         level = 0
     core.level = level

@@ -44,7 +44,7 @@ void operation_reset(void);
 enum loop_state operated(enum loop_state level);
 void become(enum loop_state next);
 void stop_at_once(const char *why);
-const char *doubt_in_words(void); /* why the guard allows no more than it does */
+const char *doubt_in_words(void); /* why the guard allowed no more than it did last */
 const char *unready(void); /* what is in the way of arming, or "" */
 
 void output_begin(node *own);

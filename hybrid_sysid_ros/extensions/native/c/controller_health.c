@@ -13,6 +13,7 @@ static const char *const status_words[STATUSES] = {
     "waiting", "solved", "iterated", "not_converged", "failed", "policy", "held", "rested"};
 
 static troubles loop_troubles, policy_troubles;
+static long doubts_before; /* until the last report: a loop slows for less than the time between two */
 
 int controller_health(task *tasks)
 {
@@ -21,6 +22,7 @@ int controller_health(task *tasks)
     const enum loop_state level = (enum loop_state)unit.guard_failsafe[0].level;
     const bool by_guard = level > DRIVING && control.state > DRIVING && control.state < STOPPED;
     const bool acts = !strcmp(controller_parameters[CONTROLLER_DISTRUST].text, "act");
+    const bool was_doubted = unit.guard_core[0].doubted != doubts_before;
     char words[WORDS], key[96];
     long answers = 0, dropped = 0;
     int k;
@@ -28,6 +30,7 @@ int controller_health(task *tasks)
     for (k = 0; k < NO_REFERENCE; k++) {
         answers += control.layers[k];
     }
+    doubts_before = unit.guard_core[0].doubted;
     task_begin(main_task, "loop");
     trouble(&loop_troubles, "answers without a reference", control.layers[NO_REFERENCE]);
     trouble(&loop_troubles, "commands held", control.layers[HELD]);
@@ -72,7 +75,7 @@ int controller_health(task *tasks)
     task_text(main_task, "not_watched", NOT_WATCHED_LOOP);
     task_timing(main_task, "execution", &control.execution);
     task_timing(main_task, "estimate_age", &control.age);
-    if (level > DRIVING || control.state == SLOWED) {
+    if (was_doubted || level > DRIVING || control.state == SLOWED) {
         char own[WORDS], *rest = main_task->message;
 
         snprintf(own, sizeof own, "%s%s%s%.200s%s%.300s", acts ? state_words[control.state] : "", acts ? ": " : "",

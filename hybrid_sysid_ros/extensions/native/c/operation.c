@@ -134,7 +134,7 @@ bool operation_disarm(char *words)
 
 const char *doubt_in_words(void)
 {
-    return unit.guard_core[0].cause < 0 ? "" : doubts[unit.guard_core[0].cause];
+    return unit.guard_core[0].found < 0 ? "" : doubts[unit.guard_core[0].found];
 }
 
 const char *unready(void)
