@@ -2,9 +2,9 @@
 
 The beam follows a sine under faults of all kinds; beam, joint, vehicle and drill string under faults of each sensor and
 actuator. Of each fault: whether all inputs stayed numbers within their bounds, and the rig within its travel and
-validity, or was held or at rest before it left them; how long the diagnostics took to name it in its own words; how
-long the loop needed to answer again, and whether it tracks as usual a second after the end (three after a start); and
-whether no node ended or showed a traceback.
+validity, or was held or at rest before it left them; how long the diagnostics took to name it in its own words, and
+after what time it could be told from noise; how long the loop needed to answer again, and whether it tracks as usual a
+second after the end (three after a start); and whether no node ended or showed a traceback.
 
 --ordinary: without real-time priority. --native: estimator and controller are one process in C, and faults of sensors,
 actuators and clock alone are tried, unless others are named. --resume: go on where a run was interrupted. --markdown:
@@ -70,6 +70,8 @@ def tried(stage: Stage, fault: Fault, words: str) -> dict[str, Any]:
     stage.started = calm = time.monotonic()
     lines, memory = len(stage.lines), stage.memory()
     processes = {child.process.pid for child in stage.session.children.values()}
+    for relay in stage.relays:
+        relay.shown = math.nan
     fault(stage)
     before, over = stage.started, time.monotonic()
     recovered = stage.wait_until_back(over)
@@ -87,6 +89,7 @@ def tried(stage: Stage, fault: Fault, words: str) -> dict[str, Any]:
         "error": error,
         "named_after_s": named[0][0].time - before if named else math.inf,
         "named": named[0][1] if named else "",
+        "shown_after_s": min((relay.shown - before for relay in stage.relays if relay.shown > 0.0), default=0.0),
         "recovered_after_s": max(recovered, 0.0),
         "lasted_s": over - before,
         "grown_mb": max(found - memory.get(process, found) for process, found in stage.memory().items()),
@@ -210,6 +213,8 @@ def markdown(name: str) -> str:
         for fault, row in rows.items():
             kept = "yes" if row["bounded"] and row["kept"] and row["held"] else "**no**"
             named = "-" if math.isinf(row["named_after_s"]) else f"{row['named_after_s']:.2f}"
+            if row["named_after_s"] > SOON and row.get("shown_after_s", 0.0) > 0.1:
+                named += f" (hidden for {row['shown_after_s']:.2f})"
             words = f"**{fault}**" if row["short"] else fault
             lines.append(f"| {words} | {kept} | {row['error']:.2f} | {named} | {row['recovered_after_s']:.2f} |")
         lines.append("")

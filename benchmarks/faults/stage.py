@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import signal
@@ -14,6 +15,7 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
@@ -29,14 +31,17 @@ from trajectory_msgs.msg import JointTrajectory
 from benchmarks.faults import disk
 from benchmarks.faults.disk import TROUBLE
 from benchmarks.faults.observation import MOVING, PATIENCE, Observation
+from hybrid_sysid_ros.control.safety.guarding import SMALL
 from hybrid_sysid_ros.extensions.native.build import native_loop
 from hybrid_sysid_ros.nodes import middleware, topics
-from hybrid_sysid_ros.nodes.messages import set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import nanoseconds, set_nanoseconds
 from hybrid_sysid_ros.nodes.process import SWITCH_INTERVAL
+from hybrid_sysid_ros.nodes.signal_layout import SignalPlace, Slots
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import TRAINED, settings, shipped
+from hybrid_sysid_ros.runtime.configuration import TRAINED, defaults, settings, shipped
 from hybrid_sysid_ros.runtime.processes import permitted_priority, priority_of
 from hybrid_sysid_ros.runtime.session import Session
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 Fault = Callable[["Stage"], None]
@@ -56,14 +61,28 @@ COMPILING = 300.0
 """For the first start of the nodes, which may have to compile [s]."""
 CLOCK_PERIOD = 0.005
 """Of /clock [s]."""
+DEVIATIONS = 3.0
+"""Of a sensor's noise and rounding, within which a fault of its reading is hidden; one of an input is within the share
+of its range below which a guard says nothing of a command."""
 
 
 class Relay:
-    """Passes joint messages on: as bytes, which takes next to no time, or as a fault makes them."""
+    """Passes joint messages on: as bytes, which takes next to no time, or as a fault makes them.
 
-    def __init__(self, node: Node, source: str, target: str, quality: str, see: Callable[[bytes], None]) -> None:
-        """see: gets each message once it has been passed on, as it came. quality: topic whose quality both have."""
+    shown: steady time of the first message in which a fault can be seen [s], inf while there is none, NaN without a
+    fault: another stamp, another number of messages, or a number that is off by more than noise hides.
+    """
+
+    def __init__(
+        self, node: Node, source: str, target: str, quality: str, see: Callable[[bytes], None],
+        places: Sequence[SignalPlace], hidden: Array,
+    ) -> None:  # fmt: skip
+        """see: gets each message once it has been passed on, as it came. quality: topic whose quality both have.
+        places, hidden: numbers of a message, and by how much each may be off unseen.
+        """
         self.change: Callable[[JointState], Sequence[JointState]] | None = None
+        self.shown = math.nan
+        self._slots, self._hidden = Slots(places), np.append(0.0, hidden)
         self._node, self._see, self._target, self._quality = node, see, target, topics.profile(quality)
         self.publisher = self.new_publisher()
         node.create_subscription(JointState, source, self.on_message, self._quality, raw=True)
@@ -74,10 +93,26 @@ class Relay:
 
     def on_message(self, data: bytes) -> None:
         """Pass on what is left of it."""
-        change = self.change
-        for each in [data] if change is None else change(deserialize_message(data, JointState)):
-            self.publisher.publish(each)
+        if (change := self.change) is None:
+            self.publisher.publish(data)
+        else:
+            message = deserialize_message(data, JointState)
+            before = self._numbers(message)
+            sent = [*change(message)]
+            for each in sent:
+                self.publisher.publish(each)
+            if not math.isfinite(self.shown):
+                is_hidden = len(sent) == 1 and self._alike(before, self._numbers(sent[0]))
+                self.shown = math.inf if is_hidden else time.monotonic()
         self._see(data)
+
+    def _alike(self, before: Array, after: Array) -> bool:
+        return np.array_equal(np.isnan(before), np.isnan(after)) and not (np.abs(after - before) > self._hidden).any()
+
+    def _numbers(self, message: JointState) -> Array:
+        """Its stamp [ns], and the numbers in their places."""
+        lists = [message.position, message.velocity, message.effort]
+        return np.array([nanoseconds(message.header.stamp), *self._slots.read(list(message.name), lists)])
 
 
 class SetClock:
@@ -131,9 +166,15 @@ class Stage(Observation):
         rclpy.init(context=self.context, domain_id=self.domain)
         options = {"start_parameter_services": False, "enable_rosout": False}  # each would cost the relay time
         self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace, **options)
-        self.relay = Relay(self.node, SEEN, HEARD, HEARD, self._see)
+        noise = np.array([abs(sensor.scale) * sensor.floor for sensor in self.rig.sensors])
+        tolerance = defaults(self.rig, "controller")["actuator_tolerance"] * np.subtract(*self.rig.limits[::-1])
+        heard = [*self.outputs, *self.inputs], np.concatenate([DEVIATIONS * noise, SMALL * tolerance])
+        self.relay = Relay(self.node, SEEN, HEARD, HEARD, self._see, *heard)
+        self.relays = [self.relay]
         if self.actuated:
-            self.actuators = Relay(self.node, COMMANDED, ACTED, COMMANDED, lambda data: None)
+            acted = self.inputs, SMALL * tolerance
+            self.actuators = Relay(self.node, COMMANDED, ACTED, COMMANDED, lambda data: None, *acted)
+            self.relays.append(self.actuators)
         self.node.create_subscription(JointTrajectory, "reference", self._refer, topics.profile("reference"), raw=True)
         if self.clocked:
             self.clock = SetClock(self.node)
