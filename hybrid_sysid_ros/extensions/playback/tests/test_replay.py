@@ -44,7 +44,7 @@ def loop(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A second and a half in lockstep, under the shipped network and its supervision, with a bias to estimate."""
     bag = tmp_path_factory.mktemp("run") / "loop"
     Run(
-        reference="sine", duration=1.5, lockstep=True, bag=bag, domain=domain, tell=lambda line: None,
+        reference="sine", duration=1.5, lockstep=True, composed=True, bag=bag, domain=domain, tell=lambda line: None,
         parameters={"plant": {"bias": [0.3]}, "estimator": {"process_noise": [0.002]}},
     ).go()  # fmt: skip
     return bag

@@ -3,20 +3,25 @@
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-
-from hybrid_sysid_ros.control.policy.training_settings import Settings  # noqa: E402
-from hybrid_sysid_ros.extensions.policies import network as networks  # noqa: E402
+from hybrid_sysid_ros.control.policy.training_settings import Settings
 
 
-def test_an_answer_beyond_the_bound_is_right_where_the_bound_is():
+@pytest.fixture
+def networks():
+    """Imported late, as torch is: a quarter of the time in which all tests are collected."""
+    return pytest.importorskip("hybrid_sysid_ros.extensions.policies.network", exc_type=ImportError)
+
+
+def test_an_answer_beyond_the_bound_is_right_where_the_bound_is(networks):
+    torch = pytest.importorskip("torch")
     targets = torch.tensor([1.0, 1.0, -1.0, 0.5])
     answers = torch.tensor([1.7, 0.6, -3.0, 0.7])
     np.testing.assert_allclose(networks.beyond_bounds(answers, targets), [0.0, -0.4, 0.0, 0.2], atol=1e-6)
 
 
-def test_a_descent_finds_a_function_that_the_network_can_be():
+def test_a_descent_finds_a_function_that_the_network_can_be(networks):
     """A network learns from samples of another one with as many units; the same seed learns the same."""
+    torch = pytest.importorskip("torch")
     random = torch.Generator().manual_seed(6)
     inputs = torch.randn(2000, 3, generator=random)
     with torch.no_grad():
