@@ -13,7 +13,7 @@ from scipy.stats import qmc
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Recurrence, System, rollouts
-from hybrid_sysid_ros.identification.experiment import prepare
+from hybrid_sysid_ros.identification.experiment import ResampledRecord, prepare, resample
 from hybrid_sysid_ros.identification.part import scored_every
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
@@ -137,7 +137,8 @@ def _borne_out(system: System, record: Record, cut: int, every: int, given: Mapp
     halves = record.between(0, half + 1), record.between(half, cut * every + 1)
     for one, other in (halves, halves[::-1]):
         bias, _ = estimate(system, one, **given)
-        before, after = (_squares(system, other, value, sampling) for value in (np.zeros(len(bias)), bias))
+        sampled = resample(other, sampling)
+        before, after = (_squares(system, sampled, value) for value in (np.zeros(len(bias)), bias))
         if not np.sum(after / np.maximum(before, 1e-300)) < len(before):
             return False
     return True
@@ -159,11 +160,11 @@ def estimate(
     sampler = qmc.MultivariateNormalQMC(np.zeros(len(prior)), seed=0)
     count, samples = max(record.duration / CORRELATION_SECONDS, 1.0), 1 + record.duration / sampling.period
     floor = 0.0 if error is None else samples * np.asarray(error) ** 2
-    centre, spread = np.zeros(len(prior)), prior.copy()
+    centre, spread, sampled = np.zeros(len(prior)), prior.copy(), resample(record, sampling)
     for _ in range(ROUNDS):
         drawn = np.asarray(sampler.random(POINTS))
         points = centre + spread * drawn
-        errors = floor + np.array([_squares(system, record, point, sampling) for point in points])
+        errors = floor + np.array([_squares(system, sampled, point) for point in points])
         likelihood = -0.5 * count * np.log(np.maximum(errors, 1e-30)).sum(axis=1)
         log = likelihood - 0.5 * np.sum((points / prior) ** 2, axis=1) + 0.5 * np.sum(drawn**2, axis=1)
         if not np.isfinite(log).any():
@@ -176,9 +177,9 @@ def estimate(
     return centre, deviation
 
 
-def _squares(system: System, record: Record, bias: Array, sampling: Sampling) -> Array:
+def _squares(system: System, record: ResampledRecord, bias: Array) -> Array:
     """Sum of squared errors of each output over a record, (outputs,)."""
-    experiment = prepare(_biased(record, bias), system, sampling)
+    experiment = replace(record, inputs=record.inputs + bias, means=record.means + bias).experiment(system)
     _, outputs = free_run_states(system, experiment)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(np.nan_to_num(np.sum((outputs - experiment.outputs) ** 2, axis=0), nan=np.inf))
