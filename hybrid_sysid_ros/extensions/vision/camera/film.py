@@ -19,7 +19,7 @@ from hybrid_sysid_ros.support.files import written_file
 SUFFIXES = (".mp4", ".mov", ".mkv")
 TICKS = 90_000  # of a film's time in a second
 CRF = 18  # of H.264, 0 (lossless) to 51
-LARGEST = 8192  # pixels along a side
+SMALLEST, LARGEST = 16, 8192  # pixels along a side
 READ = 1920
 """Pixels along a side, to which larger pictures are scaled down: angles from 1920 are no better than from 1280."""
 CAPTURED, SLOWED = "com.android.capture.fps", 1.5
@@ -134,8 +134,13 @@ def _stream(container: Any, path: Path) -> Any:
     if not container.streams.video:
         raise UserError(f"{path}: has no pictures in it")
     stream = container.streams.video[0]
-    if max(stream.codec_context.width, stream.codec_context.height) > LARGEST:
+    if stream.codec_context is None:
+        raise UserError(f"{path}: its pictures are of a codec that is not known, or its head is damaged: write it anew")
+    sides = stream.codec_context.width, stream.codec_context.height
+    if max(sides) > LARGEST:
         raise UserError(f"{path}: its pictures are larger than {LARGEST} pixels: scale it down")
+    if min(sides) < SMALLEST:
+        raise UserError(f"{path}: its pictures of {sides[0]}x{sides[1]} pixels show nothing: {SMALLEST} at least")
     taken, played = 0.0, float(stream.average_rate or 0.0)
     with suppress(ValueError):
         taken = float(container.metadata.get(CAPTURED, 0.0))

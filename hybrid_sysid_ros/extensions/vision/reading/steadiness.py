@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReading, FreeReading
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion, unknown_shake
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
+from hybrid_sysid_ros.extensions.vision.reading.learning import DARK_FILM
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -87,7 +88,7 @@ def steady_angles(
     own = chosen[:, 1] ** 2 + common
     repeated = held(angles, np.sqrt(own))
     left_out = LEFT_OUT * steps * [row.per_count for row in rows]
-    _refuse_coarse(steps, left_out * layers.reach / pixel)
+    _refuse_coarse(steps, left_out * layers.reach / pixel, float(layers.background.mean()))
     scattered = scatter(times, angles, layers.period, repeated)
     coded = np.where(np.isfinite(left_out), own + left_out**2, scattered**2)
     deviations = np.sqrt(np.maximum(own, coded))
@@ -97,16 +98,19 @@ def steady_angles(
     return SteadyAngles(angles=angles, deviations=deviations, rows=chosen[:, 2])
 
 
-def _refuse_coarse(steps: Array, beside: Array) -> None:
+def _refuse_coarse(steps: Array, beside: Array, light: float) -> None:
     """Raise UserError where a codec leaves too little of a joint's edges, by its quantiser's steps (pictures,) [counts]
-    and by how far the sprite's end is beside its place in them (pictures,) [pixels of 640].
+    and by how far the sprite's end is beside its place in them (pictures,) [pixels of 640]. light: of the film
+    [counts].
     """
     known = np.isfinite(beside)
     if not known.any() or (far := float(np.median(beside[known]))) < COARSE:
         return
     step = float(np.median(steps[known]))
     why, advice = "the joint's edges are soft, blurred or faint", "focus on the joint, with more light and contrast"
-    if step > STRONG:
+    if light < DARK_FILM:
+        why, advice = f"it is too dark, {light:.0f} of 255 counts", "film with more light, or a longer exposure"
+    elif step > STRONG:
         why, advice = "the film is compressed strongly", "record with more bits a second"
     raise UserError(
         f"{why}: its codec leaves out what is smaller than {step:.0f} counts, and so the joint's end lies {far:.2g} of "

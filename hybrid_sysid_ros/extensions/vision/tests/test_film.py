@@ -55,6 +55,20 @@ def test_a_cut_film_is_refused(film: Path, tmp_path: Path) -> None:
         list(pictures(path))
 
 
+def test_a_film_of_a_codec_that_is_not_known_is_refused(film: Path, tmp_path: Path) -> None:
+    path = tmp_path / "film.mp4"
+    path.write_bytes(film.read_bytes().replace(b"avc1", b"odd?"))
+    with pytest.raises(UserError, match="a codec that is not known"):
+        list(pictures(path))
+
+
+def test_a_film_of_no_breadth_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "film.mp4"
+    write_film(path, [(k / 30.0, np.zeros((180, 2), dtype=np.uint8)) for k in range(3)], rate=30.0)
+    with pytest.raises(UserError, match="2x180 pixels show nothing"):
+        list(pictures(path))
+
+
 def test_a_film_that_is_not_there_and_a_folder_are_reported(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such file"):
         list(pictures(tmp_path / "film.mp4"))

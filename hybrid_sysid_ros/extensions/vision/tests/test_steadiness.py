@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -83,11 +85,20 @@ def test_many_pictures_tell_that_a_codec_leaves_out_more_than_it_states(rate: fl
 
 
 @pytest.mark.parametrize(
-    ("step", "per_count", "words"),
-    [(226.0, 1.2e-4, "compressed strongly"), (30.0, 1e-3, "edges are soft"), (14.0, 1e-4, ""), (np.nan, 1e-4, "")],
+    ("step", "per_count", "light", "words"),
+    [
+        (226.0, 1.2e-4, 1.0, "compressed strongly"),
+        (30.0, 1e-3, 1.0, "edges are soft"),
+        (9.0, 4e-3, 0.1, "too dark, 1[0-9] of 255"),
+        (14.0, 1e-4, 1.0, ""),
+        (np.nan, 1e-4, 1.0, ""),
+    ],
 )
-def test_what_a_codec_leaves_out_is_in_the_deviation_or_refused(step: float, per_count: float, words: str) -> None:
+def test_what_a_codec_leaves_out_is_in_the_deviation_or_refused(
+    step: float, per_count: float, light: float, words: str
+) -> None:
     layers, count = painted_layers(load("cam_beam"), Camera(width=240, height=136)), 60
+    layers = replace(layers, background=(light * layers.background).astype(np.float32))
     row = AngleReading(angle=0.0, deviation=1e-5, row=60.0, difference=1.0, explained=1.0, per_count=per_count)
     free = FreeReading(angle=0.0, x=0.0, y=0.0, deviation=1e-5, beside=0.01, row=60.0)
     times: Array = np.arange(count) / 30.0
