@@ -85,6 +85,15 @@ class Footage:
         """Pictures without an angle."""
         return int(np.isnan(self.angles).sum())
 
+    def turned_unsurely(self, relative: float) -> Footage:
+        """The same, its deviations with that of the angles' scale by a pivot that may be off: an error that goes as the
+        sine of the angle, and comes back after a turn. Angles of a camera that moves hang on no pivot.
+        """
+        if self.motion is not None and not self.motion.steady:
+            return self
+        beside = relative * np.minimum(np.abs(self.angles - np.nanmean(self.angles)), 1.0)
+        return replace(self, deviations=np.hypot(self.deviations, np.nan_to_num(beside)))
+
     def remarks(self) -> list[str]:
         """What a user should know of the film, in a line each."""
         found = []

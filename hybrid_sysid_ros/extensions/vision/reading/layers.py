@@ -46,6 +46,8 @@ class Geometry:
     scale: float = 1.0
     """The joint's position is scale (angle - zero) [rad]."""
     zero: float = 0.0
+    scale_deviation: float = 0.0
+    """Standard deviation of the scale, by what the pivot may be off, where no sensor told it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

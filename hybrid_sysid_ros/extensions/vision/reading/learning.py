@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.painting import grid_around, painted
+from hybrid_sysid_ros.extensions.vision.reading.alignment import Points
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import EXPLAINED, AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import unknown_shake
 from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, PictureLayers
@@ -98,7 +99,8 @@ def learn(
             f"what turns in the pictures reaches {share:.0%} as far from its pivot as the scene of {rig.name} says: is "
             f"it a video of {rig.name}? If it is, say where the pivot is (--pivot X,Y), or click it (--check)"
         )
-    return replace(layers, geometry=replace(layers.geometry, zero=_zero(layers, rig))), angles
+    unsure = scale_deviation(AngleReader(layers).points, angles, max(way.left, PIVOTED))
+    return replace(layers, geometry=replace(layers.geometry, zero=_zero(layers, rig), scale_deviation=unsure)), angles
 
 
 def _first_layers(
@@ -291,6 +293,18 @@ def _regressed(film: Film, gains: Array, angles: Array, layers: PictureLayers) -
         near |= np.roll(near, 1, axis) | np.roll(near, -1, axis)
     sharpen(film, gains, angles, background, layers.pivot, layers.first, near, noise, PASSES, alpha, texture)
     return PictureLayers(geometry=layers.geometry, background=background, alpha=alpha, texture=texture)
+
+
+def scale_deviation(points: Points, angles: Array, left: float) -> float:
+    """Standard deviation of the scale of angles (pictures,) [rad] that are read by points (points, 2) from the pivot
+    [pixels], about which the sprite may still be moved in the pictures by ``left``, rms [pixels].
+
+    A pivot that is off by e moves the sprite by e times the spread of the angles. The angle that fits points p about it
+    best is 1 + e . sum p / sum p^2 times the true one: a bar that is held by its end has another scale then, and one
+    that is held by its middle has not.
+    """
+    spread = math.sqrt(max(1.0 - abs(np.mean(np.exp(1j * angles[np.isfinite(angles)]))) ** 2, 1e-12))
+    return float(left / spread * np.hypot(*points.mean(axis=0)) / np.mean(np.sum(points**2, axis=1)))
 
 
 def _zero(layers: PictureLayers, rig: Rig) -> float:

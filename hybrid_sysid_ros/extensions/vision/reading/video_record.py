@@ -90,6 +90,7 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     geometry = layers.geometry
     angles, filled = _filled(footage)
     if bag is None:
+        footage = footage.turned_unsurely(geometry.scale_deviation)
         positions = geometry.scale * (angles - geometry.zero)
         stamps = START + np.round(1e9 * (footage.seen - footage.times[0])).astype(np.int64)
         return VideoRecord(
@@ -101,6 +102,8 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     found = synchronise(footage.seen, seen, reference.times, reference.values, exposure=exposure)
     scale = found.scale if _off_scale(found, reference) else geometry.scale
     by_position, unexplained = reference.kind is MotionSource.POSITION, 0.0
+    if scale == geometry.scale and not by_position:
+        footage = footage.turned_unsurely(geometry.scale_deviation)
     if by_position:  # what is not linear beside the sensor, or at times that wander, is no angle that is known better
         beside = np.hypot(found.bend / abs(found.scale), found.wander * np.gradient(angles, footage.seen))
         footage = replace(footage, deviations=np.hypot(footage.deviations, beside))
@@ -142,7 +145,8 @@ def calibrated(layers: PictureLayers, record: VideoRecord) -> PictureLayers:
     if reference.kind is MotionSource.SPEED:
         scale = found.scale if _off_scale(found, reference) else layers.geometry.scale
         return replace(layers, geometry=replace(layers.geometry, scale=scale))
-    return replace(layers, geometry=replace(layers.geometry, scale=found.scale, zero=-found.offset / found.scale))
+    geometry = replace(layers.geometry, scale=found.scale, zero=-found.offset / found.scale, scale_deviation=0.0)
+    return replace(layers, geometry=geometry)
 
 
 def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:

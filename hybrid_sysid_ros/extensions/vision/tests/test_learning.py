@@ -9,7 +9,7 @@ import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, _first_angles, learn
+from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, _first_angles, learn, scale_deviation
 from hybrid_sysid_ros.extensions.vision.reading.pivot import PivotWay
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.scene import scene_of, with_pivot
@@ -107,6 +107,23 @@ def test_a_camera_that_shakes_unknown_is_the_reason_for_layers_that_fit_no_scene
     )
     with pytest.raises(UserError, match="the camera shakes: the joint's pivot moves by"):
         learn(shaken, with_pivot(RIG, (0.5, 0.9)), readout=CAMERA.readout, steadied=False)
+
+
+@pytest.mark.parametrize("begin", [-40.0, 0.0, 20.0])
+def test_a_pivot_that_is_off_makes_as_large_a_scale_as_is_said(begin: float) -> None:
+    """Against a fit of a bar's places about a pivot that lies half a pixel beside, along it and across."""
+    points = np.column_stack([np.linspace(begin, 40.0, 50), np.zeros(50)]).astype(np.float32)
+    angles = 0.04 * np.sin(np.linspace(0.0, 12.0, 100))
+    off, left, scales = 0.5, [], []
+    for direction in np.linspace(0.0, np.pi, 40):
+        u = points[:, 0] - off * np.cos(direction)
+        v = np.full(50, -off * np.sin(direction))
+        true = np.array([points[:, 0] * np.sin(a) - points[:, 0] * 0.0 for a in angles]).T
+        found = (u @ true) / (u @ u + v @ v)
+        scales.append(float(np.polyfit(angles, found, 1)[0]) - 1.0)
+        left.append(off * np.std(angles))
+    stated = scale_deviation(points, angles, float(np.mean(left)))
+    assert np.max(np.abs(scales)) == pytest.approx(stated, rel=0.05, abs=1e-3)
 
 
 def test_a_film_in_which_nothing_moves_is_refused() -> None:
