@@ -66,7 +66,8 @@ def column(rig: Rig, bag: Path, field: str, topic: str = MEASUREMENTS) -> tuple[
 
 
 def joint_reference(rig: Rig, joint: str, bag: Path) -> JointReference:
-    """The motion of a joint: its position where the bag has it, or else its speed, or else what the inputs do to it.
+    """The motion of a joint: its position where the bag has it, or else its speed, at the times that its sensor's delay
+    and window tell of, or else what the inputs do to it.
 
     Raises UserError where the bag has none of these.
     """
@@ -75,8 +76,17 @@ def joint_reference(rig: Rig, joint: str, bag: Path) -> JointReference:
             when, values = column(rig, bag, f"{field}[{joint}]")
         except MissingInMessageError:
             continue
-        return JointReference(kind=kind, origin=int(when[0]), times=(when - when[0]) * 1e-9, values=values)
+        times = (when - when[0]) * 1e-9 - _late(rig, joint, field)
+        return JointReference(kind=kind, origin=int(when[0]), times=times, values=values)
     return _by_input(rig, joint, bag)
+
+
+def _late(rig: Rig, joint: str, field: str) -> float:
+    """How long before its stamp a joint's position or speed was what its sensor read [s], by the rig's file."""
+    for variable, sensor in zip(rig.system.outputs, rig.sensors, strict=True):
+        if rig.joints.place(variable.name) == (joint, field):
+            return sensor.delay + 0.5 * sensor.window
+    return 0.0
 
 
 def _by_input(rig: Rig, joint: str, bag: Path) -> JointReference:
