@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.film import FilmFormat, format_of, pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
+from hybrid_sysid_ros.extensions.vision.reading.focus import sharpness, soft_pictures
 from hybrid_sysid_ros.extensions.vision.reading.footage import picked
 from hybrid_sysid_ros.extensions.vision.reading.learning import BURNT, DARK_FILM, FEWEST, NARROWEST, WHITE
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.reading.turning_point import ELSEWHERE, turning_point
+from hybrid_sysid_ros.extensions.vision.reading.video_record import MOST_FILLED
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -68,13 +70,14 @@ def film_check(
 
     Raises UserError where the film can't be read at all.
     """
-    times, sizes, changes, before = list[float](), set[tuple[int, ...]](), list[float](), None
+    times, sizes, changes, sharp, before = list[float](), set[tuple[int, ...]](), list[float](), list[float](), None
     form = format_of(view.path)
     for time, picture in pictures(view.path):
         times.append(time)
         sizes.add(picture.shape)
         few = picture[::4, ::4].astype(np.float32)
         changes.append(float(np.abs(few - before).mean()) if before is not None and before.shape == few.shape else 0.0)
+        sharp.append(sharpness(picture))
         before = few
     findings = [*_size_and_rate(view.path, form, np.array(times), sizes)]
     if any(finding.bad for finding in findings):
@@ -88,7 +91,7 @@ def film_check(
         steadied, refusal = view, str(error)
     film = picked(steadied, LOOKED_AT)
     median = np.median(film, axis=0).astype(np.uint8)
-    findings += [*_light(film, median), *_tripod(steadied, refusal)]
+    findings += [*_light(film, median), *_focus(np.array(times), np.array(sharp)), *_tripod(steadied, refusal)]
     noise = max(float(np.median(np.abs(film[::5].astype(np.float32) - median))) / 0.6745, 0.7)
     spread = np.percentile(film[:, ::2, ::2], 95, axis=0) - np.percentile(film[:, ::2, ::2], 5, axis=0)
     moving = np.kron(spread > MOVES * noise, np.ones((2, 2), dtype=bool))[: median.shape[0], : median.shape[1]]
@@ -146,6 +149,16 @@ def _light(film: Film, median: Picture) -> Iterator[Finding]:
     elif change > CHANGES:
         advice = f"the light changes by {change:.0%}: lock the exposure of the camera"
     yield Finding(what="light", found=f"{mean:.0f} of 255 counts", advice=advice, bad=mean < DARK_FILM / 4)
+
+
+def _focus(times: Array, sharp: Array) -> Iterator[Finding]:
+    """By how sharp pictures (pictures,) at times [s] are; of a film that is all blurred only reading it tells."""
+    soft = times[soft_pictures(sharp)]
+    if len(soft):
+        yield Finding(
+            what="focus", found=f"{len(soft)} pictures from {soft[0]:.3g} to {soft[-1]:.3g} s are out of it",
+            advice="lock the focus of the camera, and cut the film there", bad=len(soft) > MOST_FILLED,
+        )  # fmt: skip
 
 
 def _tripod(view: FilmView, refusal: str) -> Iterator[Finding]:

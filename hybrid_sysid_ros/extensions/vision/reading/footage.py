@@ -15,6 +15,7 @@ from hybrid_sysid_ros.extensions.vision.camera.quantisation import quantiser_ste
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, AngleReading, FreeReading
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
 from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView
+from hybrid_sysid_ros.extensions.vision.reading.focus import sharpness, soft_pictures
 from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
 from hybrid_sysid_ros.extensions.vision.reading.learning import DARK_FILM, FEWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
@@ -62,6 +63,8 @@ class Footage:
     """Brightness of the lamp [counts]; NaN without one, and where there is no light in the picture."""
     frozen: NDArray[np.bool_]
     """Pictures that are those before once more, but for black ones; their angles are not used."""
+    soft: NDArray[np.bool_]
+    """Pictures out of focus; their angles are not used."""
     shown: tuple[tuple[float, Picture, AngleReading], ...]
     """Some of them, with their times and what was read."""
     stated_rate: float
@@ -105,30 +108,34 @@ class Footage:
             found.append(f"its head says {self.stated_rate:.4g} pictures/s, their times {self.rate:.4g}: these count")
         if self.frozen.any():
             found.append(f"{int(self.frozen.sum())} pictures are those before once more, frozen or copied: not used")
-        if black := self.lost - int(self.frozen.sum()):
+        if blurred := int((self.soft & ~self.frozen).sum()):
+            found.append(f"{blurred} of {len(self.angles)} pictures are out of focus: not used")
+        if black := self.lost - int((self.frozen | self.soft).sum()):
             found.append(f"{black} of {len(self.angles)} pictures without an angle: black, hidden or of something else")
         return found
 
 
 def picked(view: FilmView, count: int = LEARNED_FROM) -> Film:
     """Pictures of a film to learn from (pictures, rows, columns): of each of as many parts the one with least motion,
-    so that none is smeared.
+    so that none is smeared, and none that is out of focus.
 
     Raises UserError where the film can't be read, is too short, or changes its size.
     """
-    moved, before, shape = list[float](), None, None
+    moved, sharp, before, shape = list[float](), list[float](), None, None
     for time, picture in view.pictures():
         few = picture[::4, ::4].astype(np.int16)
         if shape not in (None, picture.shape):
             raise UserError(f"{view.path}: its pictures change their size at {time:.3g} s: cut it there")
         shape = picture.shape
         moved.append(float(np.abs(few - before).mean()) if before is not None else np.inf)
+        sharp.append(sharpness(picture))
         before = few
     if len(moved) < FEWEST:
         raise UserError(f"{view.path}: has {len(moved)} pictures: {FEWEST} at least are needed to learn from")
     edges = np.linspace(0, len(moved), min(count, len(moved)) + 1).astype(int)
     steady = np.maximum(moved, np.append(moved[1:], np.inf))
-    chosen = {a + int(np.argmin(steady[a:b])) for a, b in itertools.pairwise(edges)}
+    steady[soft_pictures(np.array(sharp))] = np.inf
+    chosen = {a + int(np.argmin(steady[a:b])) for a, b in itertools.pairwise(edges) if np.isfinite(steady[a:b]).any()}
     return np.stack([picture for k, (_, picture) in enumerate(view.pictures()) if k in chosen])
 
 
@@ -141,7 +148,7 @@ def followed(
     in a way that can't be taken out.
     """
     rows, times, lamps, free = list[AngleReading](), list[float](), list[float](), list[FreeReading]()
-    even, same, sceneries = list[bool](), list[bool](), list[Array]()
+    even, same, sharp, sceneries = list[bool](), list[bool](), list[float](), list[Array]()
     shown = list[tuple[float, Picture, AngleReading]]()
     before, every = None, 1
     for time, picture in view.pictures():
@@ -150,6 +157,7 @@ def followed(
             reading = replace(reading, angle=np.nan, deviation=np.inf)
         even.append(plain)
         same.append(reader.lit and not plain and before is not None and np.array_equal(picture, before))
+        sharp.append(np.inf if plain else sharpness(picture))
         before = picture
         times.append(time)
         rows.append(reading)
@@ -188,7 +196,8 @@ def followed(
         )
     still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
     still |= copied_pictures(steady.angles * layers.reach)
-    angles[still] = np.nan
+    soft = soft_pictures(np.array(sharp))
+    angles[still | soft] = np.nan
     if not layers.full_turn:
         angles[leaping_pictures(angles)] = np.nan
     middle = np.nan_to_num([layers.row_time(row) for row in view.film_rows(layers.pivot[0], steady.rows)])
@@ -201,6 +210,7 @@ def followed(
         explained=np.array([row.explained for row in rows]),
         lamp=np.array(lamps),
         frozen=still,
+        soft=soft,
         shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
         stated_rate=format_of(view.path).rate,
         view=view,

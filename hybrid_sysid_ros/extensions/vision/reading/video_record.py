@@ -156,9 +156,9 @@ def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
     for k, missing in enumerate(lost):
         run = run + 1 if missing else 0
         if run > MOST_FILLED:
-            what = "stands still, frozen to the last bit,"
-            if not footage.frozen[k]:
-                what = "is black, or shows no joint, or one out of focus,"
+            what = "is black, or shows no joint,"
+            if footage.frozen[k] or footage.soft[k]:
+                what = "stands still, frozen to the last bit," if footage.frozen[k] else "is out of focus"
             raise UserError(
                 f"the film {what} from {footage.times[k - run + 1]:.3g} s on for more than {MOST_FILLED} pictures"
                 ": cut it there"

@@ -117,6 +117,18 @@ def test_a_camera_that_was_turned_is_reported_also_without_a_bag(video: Video, b
     assert not (tmp_path / "out").exists()
 
 
+def test_a_film_that_loses_its_focus_is_reported(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    """For a third of a second; its joint is still seen to turn."""
+    import cv2
+
+    blurred = [
+        (time, np.asarray(cv2.GaussianBlur(picture, (0, 0), 3.0)) if 3.0 < time < 3.34 else picture)
+        for time, picture in beam.fewer
+    ]
+    refused(video(blurred), "is out of focus from 3", "cut it there")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_film_that_hangs_is_reported(video: Video, beam: Filmed, tmp_path: Path) -> None:
     frames = beam.fewer
     for k in range(50, 60):
