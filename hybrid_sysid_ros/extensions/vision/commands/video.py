@@ -196,7 +196,7 @@ def _read(
                 f"note: what moves turns {far:.0%} of the width beside the scene's pivot: about there it is read"
             )
         found, _ = learn(
-            film, rig, readout=readout, sized=sized, steadied=view.motion is not None,
+            film, rig, readout=readout, sized=sized, steadied=view.motion is not None, clicked=not searched,
             progress=lambda stage: tell(f"learning: {stage}"),
         )  # fmt: skip
     reader, lamp = AngleReader(found), scene_of(rig).lamp

@@ -55,7 +55,7 @@ NO_AXIS = 0.1  # of a sprite's second moments: it is as long as broad
 
 
 def learn(
-    film: Film, rig: Rig, *, readout: float, sized: bool = True, steadied: bool = True,
+    film: Film, rig: Rig, *, readout: float, sized: bool = True, steadied: bool = True, clicked: bool = False,
     progress: Callable[[str], object] = lambda stage: None,
 ) -> tuple[PictureLayers, Array]:  # fmt: skip
     """The layers of pictures (pictures, rows, columns) of a rig's scene, and the angles (pictures,) [rad] of those that
@@ -64,7 +64,7 @@ def learn(
     The first angles are those by which what differs from the median is turned about the scene's pivot; then background,
     sprite, angles and pivot are improved in turn, each in closed form. readout [s]: see :class:`~.layers.Geometry`.
     sized: whether the scene says how large the sprite is in these pictures, too. steadied: whether it is known how the
-    camera moves.
+    camera moves. clicked: whether the scene's pivot was said for this film.
 
     Raises UserError where there are too few pictures, or too small ones, nothing moves, what moves does not turn or is
     of another size than the scene's sprite, or the camera shakes in an unknown way.
@@ -90,9 +90,10 @@ def learn(
     if not (settled and fits) and not steadied and way.wander > UNSETTLED:
         raise unknown_shake(way.wander)
     if not settled:
+        advice = "click it anew, or film from a tripod" if clicked else "say where it is (--pivot X,Y), or click it"
         raise UserError(
-            f"the place about which the joint turns is not found: it still moves by {way.left:.2g} pixels: say where "
-            "it is (--pivot X,Y), or click it (--check)"
+            f"the place about which the joint turns is not found: it still moves by {way.left:.2g} pixels: {advice} "
+            "(--check)"
         )
     if not fits:
         raise UserError(
