@@ -15,6 +15,7 @@ from hybrid_sysid_ros.support.arrays import Array
 PIVOTED = 0.03  # pixels: as far as 50 pictures tell four numbers, each of which shows a place to .1
 ONWARD = 0.9  # cosine between two steps, above which they go one way, and are not noise
 LONGEST = 5.0  # times what the pictures show of a pivot's way, as layers that were learned about a wrong one hide most
+MOST_LIKE = 0.9  # correlation of a sway from one picture to the next that counts: of 160 pictures 8 tell then
 FARTHEST_PIVOT = 0.05  # widths: how far the scene's pivot may be off, a standard deviation
 FARTHEST_MOVE = 10.0  # pixels, of the sprite in one picture
 SEEN_MOVE = 0.1  # pixels: how well a picture says where the sprite lies
@@ -40,8 +41,9 @@ class PivotWay:
         where it lies in them, to which the step was fitted, so that what is left tells how sure that is.
         """
         before, now = moves @ self._before, moves @ shown
-        self.wander = math.sqrt(2.0) * float(np.median(np.abs(places - now))) / 0.6745
-        self.unsure = self.wander * math.sqrt(len(shown) / len(now))
+        left = places - now
+        self.wander = math.sqrt(2.0) * float(np.median(np.abs(left))) / 0.6745
+        self.unsure = self.wander * math.sqrt(len(shown) / len(now) * _repeated(left.reshape(2, -1)))
         along, both = float(now @ before), float(np.sqrt((now @ now) * (before @ before)))
         seen = float(np.sqrt(2.0 * np.mean(now**2)))
         if seen > PIVOTED and along > ONWARD * both:  # smaller steps go one way by chance
@@ -53,6 +55,15 @@ class PivotWay:
         size = self._longer * seen
         self.left, self._last = max(size, self._last), size  # one small step may be its turning
         return self._longer * shown
+
+
+def _repeated(left: Array) -> float:
+    """Times as few as they are that differences (axes, pictures) tell, where each is like the one before, as of a hand
+    that sways: (1 + r) / (1 - r) by their correlation r (Bartlett 1935).
+    """
+    like = float((left[:, 1:] * left[:, :-1]).sum() / max(float((left**2).sum()), 1e-12))
+    like = min(max(like, 0.0), MOST_LIKE)
+    return (1.0 + like) / (1.0 - like)
 
 
 def pivoted(
