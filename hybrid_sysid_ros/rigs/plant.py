@@ -52,7 +52,7 @@ class Plant:
         functions = compiled(system)
         self._functions = functions.step, functions.output
         self._parameters, self._weights = system.values, system.weights
-        self._phases = random.uniform(0, 2 * np.pi, len(rig.sensors))
+        self._phases = random.uniform(0, 2 * np.pi, len(rig.sensors)).tolist()
         self._random = random
         self._noise: Iterator[list[float]] = iter(())
         acting = rig.disturbances if disturbed else {}
@@ -109,7 +109,7 @@ class Plant:
         self._disturb()
         for channel in self._channels:
             channel.advance()
-        outputs = self._braked() if self.brake.any() else self._move(steps=1)
+        outputs = self._braked() if any(self.brake.tolist()) else self._move(steps=1)
         for channel, value in zip(self._channels, outputs, strict=True):
             channel.see(value)
         self._ticks += 1
@@ -161,7 +161,7 @@ class Plant:
         if noise is None:
             self._noise = iter(self._random.standard_normal((DRAWN, len(self._channels))).tolist())
             noise = next(self._noise)
-        for channel, phase, white in zip(self._channels, self._phases.tolist(), noise, strict=True):
+        for channel, phase, white in zip(self._channels, self._phases, noise, strict=True):
             channel.read(self.time, phase, white)
 
     def outputs(self) -> Array:
