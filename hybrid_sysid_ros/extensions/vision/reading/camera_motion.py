@@ -12,6 +12,7 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.feature_tracker import (
     BESIDE,
     FEWEST,
+    UNMOVED,
     FeatureTracker,
     moved,
     standing_features,
@@ -31,6 +32,9 @@ ROLLS = 0.02  # rad rms: what rolls more may be the joint,
 ALL_OVER = 0.7  # unless it spans so much of the picture along each axis
 LEVER = 0.3  # of the width: the distance over which few features tell how the camera rolls
 MANY = 40  # features: a few are easily lost, so many only with the place
+MOST, TORN = 0.75, 3.0
+"""Share of what stands, and times as far beside its place as in most pictures, in one that is torn: a camera that
+shakes while its rows are read moves those of one half beside the other's."""
 LOST = 0.2  # share of the pictures in which the camera's motion may be unknown
 CUT, ASIDE = 4.0, 8  # times as much as pictures change otherwise, and pictures on each side, by which a cut is known
 DIFFERS, ALIKE = 10.0, 0.5  # counts by which a pixel is another, and correlation of two views that are one
@@ -59,6 +63,8 @@ class CameraMotion:
     """Places (features, 2) that stand still, by which that is known."""
     reference: Picture
     """The picture beside which the others lie."""
+    torn: NDArray[np.bool_]
+    """Pictures (pictures,) whose own parts moved beside one another, which no pose takes out."""
     displaced: float = 0.0
     """How far nine of ten pictures lie beside the reference at least, where this is of another film [pixels]."""
 
@@ -122,8 +128,9 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
     if not tripod:
         tell_lens(tracker, few, scale)
     poses, residuals, known = np.tile(np.eye(3), (count, 1, 1)), np.full(count, np.nan), np.eye(3)
+    rest = np.full((count, *features.shape), np.nan, dtype=np.float32)
     for number, (_, picture) in enumerate(film()):
-        pose, residuals[number] = tracker.pose(picture, known, scale)
+        pose, residuals[number], rest[number] = tracker.pose_and_rest(picture, known, scale)
         known = poses[number] = pose if np.isfinite(residuals[number]) else known
     if np.isnan(residuals).mean() > LOST:
         if len(tracker.features) < MANY:
@@ -144,6 +151,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
         roll_deviation=roll_deviation,
         features=tracker.features,
         reference=reference,
+        torn=_torn(rest, scale),
         displaced=_displaced(places, reference.shape) if background is not None else 0.0,
     )
     if motion.displaced > max(DISPLACED * scale, motion.shake):
@@ -159,6 +167,18 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
             "taken out: put it on a tripod, or cut the film there"
         )
     return motion
+
+
+def _torn(rest: NDArray[np.float32], scale: float) -> NDArray[np.bool_]:
+    """Pictures (pictures,) that are torn, by where their features lie beside their places (pictures, features, 2)
+    [pixels]; what is so in most pictures is the reference's own.
+    """
+    known = rest[:, np.isfinite(rest[..., 0]).mean(axis=0) > 0.5]
+    beside = np.linalg.norm(known - np.nanmedian(known, axis=0), axis=2)
+    seen = np.isfinite(beside).any(axis=1)
+    apart = np.zeros(len(rest))
+    apart[seen] = np.nanquantile(beside[seen], MOST, axis=1)
+    return apart > max(UNMOVED * scale, min(TORN * float(np.median(apart)), BESIDE * scale))
 
 
 def _refuse_cut(film: TimedPictures) -> None:

@@ -55,11 +55,21 @@ class FeatureTracker:
 
     def pose(self, picture: Picture, near: NDArray[np.float64], scale: float) -> tuple[NDArray[np.float64], float]:
         """The pose of a picture, and its features' distances from it, rms [pixels]; NaN where there are too few."""
+        pose, residual, _ = self.pose_and_rest(picture, near, scale)
+        return pose, residual
+
+    def pose_and_rest(
+        self, picture: Picture, near: NDArray[np.float64], scale: float
+    ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+        """The same, and where each feature (features, 2) lies beside its place by the pose [pixels], also of those that
+        do not go with it; NaN where it is not found.
+        """
         if picture.shape != self.reference.shape:
-            return near, np.nan
+            return near, np.nan, np.full(self.features.shape, np.nan)
         places = self.found(picture, near)
         there = np.isfinite(places[:, 0])
-        return self.fitted(places, there, scale)
+        pose, residual = self.fitted(places, there, scale)
+        return pose, residual, places - moved(pose[None], self.features)[0]
 
     def fitted(
         self, places: NDArray[np.float32], there: NDArray[np.bool_], scale: float

@@ -64,7 +64,9 @@ class Footage:
     frozen: NDArray[np.bool_]
     """Pictures that are those before once more, but for black ones; their angles are not used."""
     soft: NDArray[np.bool_]
-    """Pictures out of focus; their angles are not used."""
+    """Pictures out of focus,"""
+    torn: NDArray[np.bool_]
+    """and those of a camera that shook while their rows were read; their angles are not used."""
     shown: tuple[tuple[float, Picture, AngleReading], ...]
     """Some of them, with their times and what was read."""
     stated_rate: float
@@ -110,7 +112,11 @@ class Footage:
             found.append(f"{int(self.frozen.sum())} pictures are those before once more, frozen or copied: not used")
         if blurred := int((self.soft & ~self.frozen).sum()):
             found.append(f"{blurred} of {len(self.angles)} pictures are out of focus: not used")
-        if black := self.lost - int((self.frozen | self.soft).sum()):
+        if torn := int((self.torn & ~self.soft & ~self.frozen).sum()):
+            found.append(
+                f"the camera shook in {torn} of {len(self.angles)} pictures while their rows were read: not used"
+            )
+        if black := self.lost - int((self.frozen | self.soft | self.torn).sum()):
             found.append(f"{black} of {len(self.angles)} pictures without an angle: black, hidden or of something else")
         return found
 
@@ -197,7 +203,8 @@ def followed(
     still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
     still |= copied_pictures(steady.angles * layers.reach)
     soft = soft_pictures(np.array(sharp))
-    angles[still | soft] = np.nan
+    torn = view.motion.torn if view.motion is not None else soft & False
+    angles[still | soft | torn] = np.nan
     if not layers.full_turn:
         angles[leaping_pictures(angles)] = np.nan
     middle = np.nan_to_num([layers.row_time(row) for row in view.film_rows(layers.pivot[0], steady.rows)])
@@ -211,6 +218,7 @@ def followed(
         lamp=np.array(lamps),
         frozen=still,
         soft=soft,
+        torn=torn,
         shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
         stated_rate=format_of(view.path).rate,
         view=view,

@@ -159,6 +159,8 @@ def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
             what = "is black, or shows no joint,"
             if footage.frozen[k] or footage.soft[k]:
                 what = "stands still, frozen to the last bit," if footage.frozen[k] else "is out of focus"
+            elif footage.torn[k]:
+                what = "is of a camera that shakes while its rows are read,"
             raise UserError(
                 f"the film {what} from {footage.times[k - run + 1]:.3g} s on for more than {MOST_FILLED} pictures"
                 ": cut it there"

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.reading.camera_motion import motion_of_camera
 from hybrid_sysid_ros.extensions.vision.reading.feature_tracker import (
     FeatureTracker,
     moved,
@@ -76,3 +77,20 @@ def test_features_beside_something_that_passes_do_not_roll_the_camera() -> None:
     turned = pose @ np.linalg.inv(_turned(np.array([0.01, -0.02, 0.005])))
     one, two = moved(turned[None], np.array([[COLUMNS * 0.6, 150.0], [COLUMNS * 0.9, 150.0]]))[0]
     assert math.degrees(math.atan2(two[1] - one[1], two[0] - one[0])) == pytest.approx(0.0, abs=0.03)
+
+
+def test_a_camera_that_shakes_while_rows_are_read_tears_pictures(wall: Picture) -> None:
+    """The lower half lies 1.5 pixels beside the upper one there, also in the one that others are compared with."""
+    random, film = np.random.default_rng(0), list[Picture]()
+    for k in range(40):
+        x, y = random.normal(0.0, 1.0, 2)
+        places = np.indices((ROWS, COLUMNS)).astype(np.float32)
+        beside = np.where(np.arange(ROWS) > ROWS / 2, 1.5, 0.0)[:, None] * (k in (7, 20, 33))
+        seen = cv2.remap(
+            wall, places[1] + np.float32(x) + beside.astype(np.float32), places[0] + np.float32(y), cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_REFLECT,
+        )  # fmt: skip
+        film.append(np.asarray(seen))
+    motion = motion_of_camera(lambda: iter([(k / 30.0, picture) for k, picture in enumerate(film)]))
+    assert motion is not None
+    assert np.flatnonzero(motion.torn).tolist() == [7, 20, 33]

@@ -186,7 +186,7 @@ def test_a_camera_that_moved_is_taken_out_with_the_time_of_the_films_own_rows() 
     poses[1, :2, 2] = 4.0, 3.0  # what was at a place is 4 pixels to the right and 3 below
     motion = CameraMotion(
         poses=poses, shake=3.0, farthest=5.0, roll=0.0, deviation=0.01, roll_deviation=1e-5, reference=reference,
-        features=np.zeros((0, 2), dtype=np.float32),
+        features=np.zeros((0, 2), dtype=np.float32), torn=np.zeros(2, dtype=bool),
     )  # fmt: skip
     shifted = np.zeros_like(reference)
     shifted[3:, 4:] = reference[:-3, :-4]

@@ -51,7 +51,7 @@ def _seen_experiment(name: str, folder: Path, begin: float = 0.9) -> SeenExperim
     footage = Footage(
         times=times, seen=times, angles=angles, deviations=np.full(len(times), DEVIATION),
         explained=np.ones(len(times)), lamp=nothing, frozen=np.zeros(len(times), dtype=bool),
-        soft=np.zeros(len(times), dtype=bool), shown=(), stated_rate=1 / PERIOD,
+        soft=np.zeros(len(times), dtype=bool), torn=np.zeros(len(times), dtype=bool), shown=(), stated_rate=1 / PERIOD,
     )  # fmt: skip
     layers = painted_layers(rig, Camera(width=240, height=136))
     return SeenExperiment(rig=rig, bag=folder / name, motion=motion, footage=footage, layers=layers)
