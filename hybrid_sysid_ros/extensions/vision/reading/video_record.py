@@ -92,6 +92,8 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     if bag is None:
         footage = footage.turned_unsurely(geometry.scale_deviation)
         positions = geometry.scale * (angles - geometry.zero)
+        if layers.full_turn:  # a turn more or less looks alike: the film begins in the one about 0
+            positions = positions - 2.0 * math.pi * round(float(positions[0]) / (2.0 * math.pi))
         stamps = START + np.round(1e9 * (footage.seen - footage.times[0])).astype(np.int64)
         return VideoRecord(
             footage=footage, onset=lamp, synchronisation=None, reference=None, stamps=stamps, positions=positions,

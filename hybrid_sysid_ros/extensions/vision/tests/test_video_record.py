@@ -122,6 +122,14 @@ def test_a_film_without_a_bag_says_that_nothing_tells_the_size_of_its_angles(whe
     assert any("the film alone tells how large" in line for line in video_record.contradictions(record))
 
 
+def test_a_film_without_a_bag_begins_in_the_turn_about_zero(wheel: SeenExperiment) -> None:
+    """-.1 rad reads as 6.18 where angles go round."""
+    layers = replace(wheel.layers, geometry=replace(wheel.layers.geometry, low=0.0, high=2.0 * np.pi, zero=0.0))
+    angles = wheel.footage.angles - wheel.footage.angles[0] + 2.0 * np.pi - 0.1
+    record = video_record.joined(replace(wheel.footage, angles=angles), layers, wheel.rig, None, exposure=0.008)
+    assert record.positions[0] == pytest.approx(-0.1)
+
+
 @pytest.mark.parametrize(("jump", "hangs"), [(0.0, False), (0.02, True)])
 def test_equal_pictures_are_a_camera_that_hangs_only_where_the_joint_jumps(jump: float, hangs: bool) -> None:
     """A codec repeats its picture while the joint rests."""
