@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from weakref import WeakKeyDictionary
@@ -12,7 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.extensions.experiment_design.information import by_secants, run_of
 from hybrid_sysid_ros.extensions.experiment_design.looped import looped
-from hybrid_sysid_ros.extensions.experiment_design.segments import REST, PlanSegment, SegmentLibrary
+from hybrid_sysid_ros.extensions.experiment_design.segments import REST, PlanSegment, SegmentLibrary, stretches
 from hybrid_sysid_ros.identification.validation.bands import drawn_systems, uncertainty_of
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -29,6 +29,8 @@ PIECE, PIECES = 5.0, (4, 24)
 TRIED = 8
 """Segments that are tried in one place before the search goes on to the next."""
 
+SHRUNK = (1.0, 0.8, 0.6, 0.4, 0.2)
+"""Factors by which the rig's own experiments are among the first plans: a whole one may leave the limits."""
 POINTS, SLACK = 3, 0.05
 """Systems at which a criterion is taken, the model and two draws that mirror each other, so that an experiment suits
 what the model could be as well; and by how much it may grow at the model. Secants cover this by themselves.
@@ -212,8 +214,9 @@ def exchanged(
     progress: Callable[[int, int], None] = lambda done, most: None,
 ) -> list[list[PlanSegment]]:
     """Segments of each input, from the coordinate-exchange algorithm of Meyer & Nachtsheim (1995), Technometrics 37(1):
-    one segment after another is exchanged for another one that makes the criterion smaller, over and over, beginning at
-    rest; from the second round on half of the trials are near the segment in place.
+    one segment after another is exchanged for another one that makes the criterion smaller, over and over, beginning
+    with the best of rest and the rig's own experiments; from the second round on half of the trials are near the
+    segment in place.
 
     Raises UserError where even an experiment at rest leaves the limits, and where nothing is feasible.
     """
@@ -223,6 +226,10 @@ def exchanged(
     least, budget = _value(bench, criterion, plan), int(np.clip(STEPS / bench.steps, FEWEST, MOST))
     if least is None:
         raise UserError(f"{bench.rig.name} leaves its travel in the model's simulation at rest; design a shorter one")
+    for own in own_plans(bench):
+        value = _value(bench, criterion, own, least)
+        if value is not None:
+            plan, least = own, value
     done, round_number = 0, 0
     while done < budget:
         for place in random.permutation(count * len(plan)).tolist():
@@ -240,6 +247,24 @@ def exchanged(
                 break
         round_number += 1
     return plan
+
+
+def own_plans(bench: Bench) -> Iterator[list[list[PlanSegment]]]:
+    """Plans of the rig's own experiments, whole and smaller; without those of inputs that have limits on one side of 0,
+    whose rest a plan has elsewhere.
+    """
+    (middle, half), rig = bench.spans, bench.rig
+    units = np.ones(len(half))
+    for index, loop in rig.experiments.loops.items():
+        units[index] = abs(rig.sensors[loop.output].scale)
+    for driven in rig.experiments.excitations.values():
+        if not middle[list(driven)].any():
+            for factor in SHRUNK:
+                plan = [[REST] * bench.count for _ in rig.actuators]
+                for index, signal in driven.items():
+                    unit = factor * float(units[index] / half[index])
+                    plan[index] = [*stretches(signal, unit=unit, count=bench.count, length=bench.length)]
+                yield plan
 
 
 def _value(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +14,8 @@ from hybrid_sysid_ros.support.arrays import Array
 LEVELS = (-1.0, -0.5, -0.25, -0.1, 0.0, 0.1, 0.25, 0.5, 1.0)
 AMPLITUDES = (0.1, 0.25, 0.5, 1.0)
 """In shares of what an input can do."""
+SIZES = ("amplitude", "level", "first")
+"""Numbers of a signal that are in its unit."""
 LINES = 12
 """Sines of a multisine."""
 TWEAK = 0.4
@@ -21,19 +24,26 @@ TWEAK = 0.4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlanSegment:
-    """A signal over a stretch of time, in shares from -1 to 1."""
+    """A signal over a stretch of time, in shares from -1 to 1; it may be a stretch of a longer signal."""
 
     excitation: Excitation
     seed: int = 0
+    begins: float = 0.0
+    """Time of the signal at which the segment begins [s]."""
+    whole: float = 0.0
+    """Length of a longer signal [s]; 0: that of the segment."""
 
     def values(self, times: Array, length: float) -> Array:
         """At times from its beginning [s], (samples,)."""
-        return np.clip(self.excitation.signal(seed=self.seed, duration=length)(times), -1.0, 1.0)
+        signal = self.excitation.signal(seed=self.seed, duration=self.whole or length)
+        return np.clip(signal(self.begins + times), -1.0, 1.0)
 
     @property
     def content(self) -> dict[str, Any]:
         """Kind and numbers as plain data, in shares."""
-        return {"kind": self.excitation.kind, **{key: float(f"{v:.4g}") for key, v in self.excitation.numbers.items()}}
+        within = {"begins": self.begins, "whole": self.whole} if self.whole else {}
+        numbers = {**self.excitation.numbers, **within}
+        return {"kind": self.excitation.kind, **{key: float(f"{value:.4g}") for key, value in numbers.items()}}
 
 
 def segment(kind: str, *, seed: int = 0, **numbers: float) -> PlanSegment:
@@ -42,6 +52,13 @@ def segment(kind: str, *, seed: int = 0, **numbers: float) -> PlanSegment:
 
 
 REST = segment("constant", level=0.0)
+
+
+def stretches(excitation: Excitation, *, unit: float, count: int, length: float) -> Sequence[PlanSegment]:
+    """A signal as segments of one length [s] that follow each other. unit: share that 1 of its amplitudes is."""
+    shares = {key: value * unit if key in SIZES else value for key, value in excitation.numbers.items()}
+    whole = PlanSegment(excitation=replace(excitation, numbers=shares), whole=count * length)
+    return [replace(whole, begins=number * length) for number in range(count)]
 
 
 class SegmentLibrary:
@@ -75,15 +92,15 @@ class SegmentLibrary:
     def changed(self, given: PlanSegment) -> PlanSegment:
         """A segment near another one: each number a little larger or smaller, within what is possible."""
         ends = {
-            **dict.fromkeys(("amplitude", "level", "first"), (-1.0, 1.0)),
+            **dict.fromkeys(SIZES, (-1.0, 1.0)),
             **dict.fromkeys(("low", "high", "frequency"), (self.lowest, self.fastest)),
-            "hold": (0.5 / self.fastest, self.length), "lines": (LINES, LINES),
+            "hold": (0.5 / self.fastest, self.length),
         }  # fmt: skip
-        numbers = {}
-        for name, value in given.excitation.numbers.items():
+        numbers = dict(given.excitation.numbers)
+        for name in numbers.keys() & ends.keys():
             factor = float(np.exp(TWEAK * self.random.normal()))
-            numbers[name] = float(np.clip(value * factor, *ends[name]))
+            numbers[name] = float(np.clip(numbers[name] * factor, *ends[name]))
         if "low" in numbers:
             numbers["high"] = max(numbers["high"], numbers["low"])
         seed = given.seed if self.random.random() < 0.5 else int(self.random.integers(1 << 30))
-        return PlanSegment(excitation=replace(given.excitation, numbers=numbers), seed=seed)
+        return replace(given, excitation=replace(given.excitation, numbers=numbers), seed=seed)

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.extensions.experiment_design.plan_folder import SIGNALS, s
 from hybrid_sysid_ros.extensions.experiment_design.search import BEYOND, Bench
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.drivers import ExperimentLoop, Experiments
+from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -173,6 +174,22 @@ def test_a_designed_experiment_tells_more_than_steps_and_sines_and_stays_within_
     save_plan(tmp_path / "plan", found)
     played = excitation(tight, str(tmp_path / "plan" / SIGNALS), seed=0, duration=8.0, times=times)
     np.testing.assert_allclose(played, found.driving, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.usefixtures("short")
+def test_a_plan_is_no_worse_than_the_rig_s_own_experiments_by_its_criterion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With no trial it is the best of these; of a level that leaves the travel the largest part that stays within."""
+    monkeypatch.setattr(search, "FEWEST", 0)
+    monkeypatch.setattr(search, "MOST", 0)
+    slow = Excitation(kind="sine", numbers={"amplitude": 0.5, "frequency": 0.05})
+    corner = Excitation(kind="sine", numbers={"amplitude": 0.9, "frequency": 1.0 / (2.0 * np.pi * LAG)})
+    own = rig(experiments=Experiments(excitations={"slow": {0: slow}, "corner": {0: corner}}))
+    found = designed(model(), own, seconds=20.0, period=STEP, amplitude=1.0, parameters=("lag",))
+    times = np.arange(2000, dtype=np.float64) * STEP
+    np.testing.assert_allclose(found.driving[:, 0], 0.9 * np.sin(times / LAG), atol=1e-9)
+    tight = replace(own, travel=np.array([[-0.8], [0.8]]))  # the corner's level is 0.9 * 2 / sqrt(2)
+    kept = designed(model(), tight, seconds=20.0, period=STEP, amplitude=1.0, parameters=("lag",))
+    np.testing.assert_allclose(kept.driving[:, 0], 0.4 * 0.9 * np.sin(times / LAG), atol=1e-9)
 
 
 def test_a_loop_s_inputs_are_those_that_it_would_give() -> None:
