@@ -20,6 +20,9 @@ LISTED = re.compile(r"Q(?:,Q)+,?$")
 TIMED = re.compile("[RrL]A?$")
 """Letters before what can only be a time, where one was said before: "for 8 s, ... for another 8"."""
 SECOND = Unit(TIME)
+WAITS_FOR = re.compile("VR$")
+STAYS = ("hold", "wait", "still")
+"""Verbs behind which "for 5" says how long."""
 TIMELESS = frozenset({"hold", "wait", "still", "repeat", "follow", "halt", "undo", "chirp"})
 """Verbs behind which a number could as well be a time, a count or a frequency."""
 
@@ -48,7 +51,7 @@ class BareNumbers:
                 continue
             if not symbol.value[0] and not self.one_spoken_of(k):
                 continue
-            waits = k > 0 and self.found[k - 1].value == "wait"  # which only a time can be behind
+            waits = self.lasts(k)
             unit = self.time  # for "..., for another 8"
             if waits:
                 unit = self.time or SECOND
@@ -64,6 +67,10 @@ class BareNumbers:
             self.output = symbol.value if symbol.value in self.moving else None
         elif symbol.kind == "K":
             self.output = self.only(self.vocabulary.of_kind(symbol.value)) if symbol.value != "value" else self.output
+        elif symbol.kind in "Ud" and symbol.text.rpartition(" ")[2] in self.lexicon.plain_ways:
+            moved = self.only(self.vocabulary.of_kind("height" if symbol.kind == "U" else "speed"))
+            if moved is not None and (symbol.kind == "d" or (self.output is None and self.beyond_others(k, moved))):
+                self.output = moved
         elif symbol.kind == "V" and symbol.value not in TIMELESS and (base := self.moved_by(symbol)):
             self.output = self.only([each for each in self.moving if self.vocabulary.units_of(each)[1].base == base])
         elif symbol.kind == "Q" and (own := self.measured(symbol)) is not None:
@@ -72,6 +79,26 @@ class BareNumbers:
             self.output = self.only(self.vocabulary.of_kind("speed"))
         elif symbol.kind == "Q" and (behind := re.match("o?O", self.letters[k + 1 :])):
             self.output = self.found[k + behind.end()].value  # "100 in height"
+
+    def beyond_others(self, k: int, output: int) -> bool:
+        """Whether the number beside a direction is out of reach for all other outputs."""
+        near = [self.found[j] for j in (k + 1, k + 2, k - 1) if 0 <= j < len(self.found)]
+        value = next((abs(each.value[0]) for each in near if each.kind == "Q" and each.value[1] is None), 0.0)
+        spans = (self.vocabulary.outputs[j] for j in self.moving if j != output)
+        return all(value > shown.high - shown.low for shown in spans)
+
+    def lasts(self, k: int) -> bool:
+        """Whether a number can only be a time: behind "wait", "hold for", and where a time was said before, behind
+        "over" of what says where to go ("down to 0 over 10") and behind one more "hold" ("fica mais 30").
+        """
+        before = self.found[max(0, k - 2) : k]
+        verb = before[-1].value if before else ""
+        if verb == "wait" or (WAITS_FOR.search(self.letters[:k]) and before[0].value in STAYS):
+            return True
+        begin = self.letters.rfind(";", 0, k) + 1
+        over = verb in ("over", "within") and re.search("TO?Q", self.letters[begin:k]) is not None
+        more = verb in STAYS and self.found[k].text.partition(" ")[0] in self.lexicon.table["signs"]
+        return self.time is not None and (over or more)
 
     def one_spoken_of(self, k: int) -> bool:
         """Whether a 0 is of the one output that was spoken of before, in this sentence."""
@@ -122,7 +149,8 @@ class BareNumbers:
         before, after = "".join(symbol.kind for symbol in part), self.letters[k + 1 :]
         verbs = {symbol.value for symbol in part if symbol.kind == "V"}
         if re.match(r"[E#fqNx]|e(?!Q)|o?[fq]", after) or NO_VALUE_AFTER.search(before):
-            return before.endswith("i") and "U" in before
+            settled = "O" in before or "hold" in verbs
+            return before.endswith("i") and ("U" in before or (settled and bool(verbs) and "Q" not in before))
         if self.paired(k):
             return False
         if before.endswith("W"):

@@ -7,10 +7,15 @@ from typing import NamedTuple
 
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.rigs.units import PLAIN, Unit
+from hybrid_sysid_ros.support.errors import UserError
 
 MOST = 20  # clauses
 ENDS = ("between", "range", "span")
 """Roles of quantities that are one of two ends."""
+
+
+class IncompleteError(UserError):
+    """A reading that leaves a word or a slot open: another way to part the sentence may not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +112,13 @@ class Clause:
     """Whether the rig was said to be turning, moving ..."""
     wish: bool = False
     """Whether "I want" or "give me" was said, which asks for the value behind it."""
+
+    neighbours: list[tuple[Symbol, Symbol]] = field(default_factory=list)
+    """Verbs with nothing between them."""
+
+    def adjacent(self, first: Symbol, second: Symbol) -> bool:
+        """Whether nothing stands between two verbs."""
+        return (first, second) in self.neighbours
 
     @property
     def empty(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.quantities import QuantityReader, Token
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.rigs.units import TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 
@@ -30,6 +31,9 @@ class ConditionReader(QuantityReader):
         count, named, event = self._subject(begin)
         settled = 0 if when == "if" else self.longest(parts["settled"], skip=count)
         (at_once, side), (later, other) = self._relation(begin), self._relation(count, event=event)
+        event = event or (later > 0 and self.longest(parts["becomes"], skip=count) > 0)  # "it gets above 3 m"
+        if not named and later and self._compares_speeds(count, later):
+            named = [Symbol("K", "speed", "")]
         equals = self.longest(parts["equals"], skip=count - 1) == 1  # "when it is 2 m"
         equals = equals and not (at_once or later) and self._number_follows(count)
         lasting = self.words[count + settled + self.at :][:1] == ["for"]
@@ -52,6 +56,12 @@ class ConditionReader(QuantityReader):
             return False
         raise UserError(f"{start!r} what? say for example 'once it is still', 'when it reaches 1' or 'in 5 s'")
 
+    def _compares_speeds(self, skip: int, count: int) -> bool:
+        """Whether so many words say faster or slower, where one output is a speed."""
+        words = self.words[self.at + skip :][:count]
+        compared = any(self.lexicon.meanings.get((word,), ((" ", 0),))[0][0] == "M" for word in words)
+        return compared and len(self.vocabulary.of_kind("speed")) == 1
+
     def up_to(self, begin: int) -> bool:
         """Whether a value follows "until": where what moves goes to, or what a wait or a hold is for."""
         words = tuple(self.words[self.at : self.at + begin])
@@ -60,6 +70,13 @@ class ConditionReader(QuantityReader):
         begin += self.longest(self.lexicon.parts["it_is"], skip=begin)  # "until it is 180 rpm"
         if not self._number_follows(begin):
             return False
+        start, self.at = self.at, self.at + begin
+        lasting = self.quantity()
+        self.at = start
+        if lasting is not None and lasting.kind == "Q" and lasting.value[1] and lasting.value[1].base == TIME:
+            self.found.append(Symbol("R", "for", words[0]))  # "until 40 seconds are up"
+            self.at += begin
+            return True
         self.found.append(Symbol("T", "to", words[0]) if self.moves() else Symbol("z", ("until", 0.0), " ".join(words)))
         self.at += begin
         return True

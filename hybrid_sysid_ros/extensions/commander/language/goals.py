@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import Quantity
+from hybrid_sysid_ros.extensions.commander.language.clauses import IncompleteError, Quantity
 from hybrid_sysid_ros.extensions.commander.language.commands import Goal
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.values import Values
@@ -59,7 +59,7 @@ class Goals(Values):
             way = "up" if sign > 0.0 else "down"
             raise UserError(f"{said[0].text!r} by how much? say '{way} a bit', or '{way} by 1 {self.example}'")
         if not found:
-            raise UserError(f"{self.verb} to where? say for example '{self.verb} to 1 {self.example}'")
+            raise IncompleteError(f"{self.verb} to where? say for example '{self.verb} to 1 {self.example}'")
         if len(found) > 1:
             self.clause.together = ""
         if self.clause.bit and not all(goal.relative for goal in found):
@@ -67,7 +67,7 @@ class Goals(Values):
         if len({goal.output for goal in found}) < len(found):
             raise UserError(f"{self.verb} has several values of one output: join them by 'then'")
         if unused := [k for k in self.clause.targets if k not in {goal.output for goal in found}]:
-            raise UserError(f"{self.vocabulary.outputs[unused[0]].name} to what? say a value of it")
+            raise IncompleteError(f"{self.vocabulary.outputs[unused[0]].name} to what? say a value of it")
         self.clause.bit = ""  # "up a bit, by 1 m"
         return tuple(found)
 

@@ -10,6 +10,7 @@ from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quant
 from hybrid_sysid_ros.extensions.commander.language.commands import (
     Command,
     Condition,
+    Home,
     Repeat,
     Sentence,
     Swing,
@@ -37,7 +38,8 @@ from hybrid_sysid_ros.extensions.commander.language.meanings import Meaning
 from hybrid_sysid_ros.extensions.commander.language.paraphrases import JOINED
 from hybrid_sysid_ros.extensions.commander.language.quantities import DoubtfulNumberError
 from hybrid_sysid_ros.extensions.commander.language.questions import is_question
-from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, says_more, stop_in
+from hybrid_sysid_ros.extensions.commander.language.reading import read_by
+from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, is_motionless, says_more, stop_in
 from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
 from hybrid_sysid_ros.extensions.commander.language.values import Values
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
@@ -73,17 +75,24 @@ def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sente
         except UserError as refusal:
             refusals[language] = refusal
     if not understood:
-        found = refusals[_language(text, vocabulary)]
+        reason = refusals[_language(text, vocabulary)]
         if said:
-            why = str(found) if isinstance(found, DoubtfulTimeError) or says_more(text) else ""
+            why = str(reason) if isinstance(reason, DoubtfulTimeError) or says_more(text) else ""
             return Sentence(text=text, commands=(), stops=True, why=why)
-        raise _foreign(found, text, vocabulary) if isinstance(found, UnknownWordError) else found
+        raise _foreign(reason, text, vocabulary) if isinstance(reason, UnknownWordError) else reason
     doubt = refusals.get(_language(text, vocabulary))
     if isinstance(doubt, DoubtfulNumberError):
         raise doubt  # "1,000", which only the other language reads
     if any(other != understood[0] for other in understood):
         raise UserError("this means one thing in English and another in Portuguese: say it in other words")
-    return understood[0]
+    found = understood[0]
+    if (
+        is_motionless(text)
+        and found.later is None
+        and [type(command) for command in found.commands] in ([Home], [Wait])
+    ):
+        return Sentence(text=text, commands=(), stops=True)  # "stand still" alone
+    return found
 
 
 def _known(text: str, language: str, vocabulary: Vocabulary) -> tuple[int, int]:
@@ -110,9 +119,12 @@ def _foreign(refusal: UserError, text: str, vocabulary: Vocabulary) -> UserError
 
 
 def _sentence(text: str, language: str, vocabulary: Vocabulary, files: Files) -> Sentence:
-    return _stage(
-        text, clauses(symbols(text, lexicon(language), vocabulary), vocabulary, lexicon(language)), vocabulary, files
-    )
+    words = lexicon(language)
+
+    def sentence(found: Sequence[Symbol]) -> Sentence:
+        return _stage(text, clauses(found, vocabulary, words), vocabulary, files)
+
+    return read_by(symbols(text, words, vocabulary), sentence)
 
 
 def _stage(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity
+from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, IncompleteError, Quantity
 from hybrid_sysid_ros.extensions.commander.language.commands import (
     Command,
     Follow,
@@ -84,7 +84,7 @@ def held_each(commands: Sequence[Command], each: Quantity, seconds: float) -> li
     """Moves with as long a hold each. Raises UserError where there are not several, or one has its own."""
     moves = [command for command in commands if isinstance(command, Move) and not command.hold]
     if len(moves) < max(2, len(commands)) or each.base != TIME:
-        raise UserError(f"{each.text!r} of what? say 'for 2 s' behind each value")
+        raise IncompleteError(f"{each.text!r} of what? say 'for 2 s' behind each value")
     return [replace(move, hold=seconds) for move in moves]
 
 

@@ -75,7 +75,7 @@ class Lexicon:
         for category in VERBS:
             self._enter(found, category, (("V", category),))
         self._enter(found, "over_to", (("V", "go"), ("T", "to")))
-        self._enter(found, "slow_to", (("V", "go"), ("U", -1.0), ("T", "to")))
+        self._enter(found, "slow_to", (("V", "go"), ("U", -1.0), ("h", "speed"), ("T", "to")))
         self._enter(found, "while_holding", ((";", "while"), ("V", "hold")))
         self._enter(found, "each_for", (("e", "every"), ("R", "for")))
         for category in ("while", "before"):
@@ -125,6 +125,18 @@ class Lexicon:
                 found[words] = (("!", reason), *(each for each in found.get(words, ()) if each[0] in "VUN"))
         return found
 
+    @cached_property
+    def _by_first(self) -> Mapping[tuple[str, Any], frozenset[tuple[str, ...]]]:
+        found: dict[tuple[str, Any], set[tuple[str, ...]]] = {}
+        for words, meaning in self.meanings.items():
+            for first in meaning[:1]:
+                found.setdefault(first, set()).add(words)
+        return {first: frozenset(phrases) for first, phrases in found.items()}
+
+    def meaning_first(self, first: tuple[str, Any]) -> frozenset[tuple[str, ...]]:
+        """Phrases that mean this kind and value first."""
+        return self._by_first.get(first, frozenset())
+
     def _forms(self, verb: str) -> Sequence[tuple[str, ...]]:
         """What else is said with a verb: "goes", "going", "to go" and "be moved", or, of an infinitive of a language
         whose ``endings`` are listed, "aumente", "aumenta", "aumentando" and "para aumentar".
@@ -138,7 +150,7 @@ class Lexicon:
             return []
         doubled = verb + verb[-1] if SHORT.fullmatch(verb) else verb.removesuffix("e")
         participle = self.table["participles"].get(verb, f"{doubled}ed")
-        passive = [(*before, "be", participle) for before in ((), ("to",), ("should",))]
+        passive = [(*before, participle) for before in ((), ("be",), ("is",), ("are",), ("to", "be"), ("should", "be"))]
         return [
             ("to", verb),
             (f"{verb}es" if verb.endswith(("s", "sh", "ch", "o")) else f"{verb}s",),
@@ -162,6 +174,7 @@ class Lexicon:
                 "object",
                 "to",
                 "ask",
+                "asks_within",
                 "definite",
                 "steps",
                 "applied",
@@ -172,6 +185,11 @@ class Lexicon:
                 "middle",
             )
         }
+
+    @cached_property
+    def plain_ways(self) -> frozenset[str]:
+        """Words for up, down, forwards and backwards, which say what moves: a height, or a speed."""
+        return frozenset(folded(each) for kind in ("up", "down", "forwards", "backwards") for each in self.table[kind])
 
     @cached_property
     def opening(self) -> re.Pattern[str]:

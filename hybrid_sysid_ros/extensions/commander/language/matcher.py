@@ -6,13 +6,13 @@ import re
 from collections.abc import Sequence
 
 from hybrid_sysid_ros.extensions.commander.language.bare_numbers import BareNumbers
-from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause
+from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause, IncompleteError
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
 from hybrid_sysid_ros.extensions.commander.language.notes import FilledSlot, Notes, is_time
 from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG, sentence_parts
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
+from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME, Unit
 from hybrid_sysid_ros.support.errors import UserError
 
 GO = Symbol("V", "go", "go")
@@ -48,6 +48,14 @@ def _letter(symbol: Symbol) -> str:
     return {TIME: "1", FREQUENCY: "2", COUNT: "Q"}.get(symbol.value[1].base, "9")
 
 
+def _own_rate(quantities: Sequence[tuple[float, Unit | None]]) -> bool:
+    """Whether the second of two quantities says how fast the first one is gone."""
+    if len(quantities) != 2:
+        return False
+    (_, first), (_, last) = quantities
+    return first is not None and last is not None and last.alike(first.rate) and not last.alike(first)
+
+
 class _Matcher(Notes):
     """Fits patterns to the symbols of one clause."""
 
@@ -63,7 +71,7 @@ class _Matcher(Notes):
                     at = end
                     break
             else:
-                raise UserError(self.without_meaning(at))
+                raise IncompleteError(self.without_meaning(at))
         return self.made
 
     def end(self, slot: str, match: re.Match[str]) -> int:
@@ -94,9 +102,11 @@ class _Matcher(Notes):
 
     def resolved(self, found: FilledSlot) -> FilledSlot:
         """With the slot that a Portuguese preposition of several meanings has here."""
-        if any(symbol.value == "to_or_at" for symbol in found.part) and self.paces(found.quantities):  # "a 2 Hz"
+        led = any(symbol.value == "to_or_at" for symbol in found.part)
+        if led and (self.paces(found.quantities) or _own_rate(found.quantities)):  # "a 2 Hz", "300 m a 5 m/s"
             self.made.quantities += [self.quantity(said, "", found.text) for said in found.quantities[:-1]]
-            return found._replace(slot="rate", quantities=found.quantities[-1:])
+            at = next(k for k, symbol in enumerate(found.part) if symbol.value == "to_or_at")
+            return found._replace(slot="rate", quantities=found.quantities[-1:], part=found.part[at:])
         if found.slot not in ("in", "in_or_to", "for_or_by"):
             return found
         unit = found.quantities[0][1]

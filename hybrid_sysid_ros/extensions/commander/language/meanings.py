@@ -7,26 +7,22 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from hybrid_sysid_ros.extensions.commander.language import commands
-from hybrid_sysid_ros.extensions.commander.language.adjustments import Adjustments
-from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause, Quantity
+from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause, IncompleteError, Quantity
 from hybrid_sysid_ros.extensions.commander.language.files import Files, is_picture
 from hybrid_sysid_ros.extensions.commander.language.stairs import StairsMeaning
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.swings import SwingMeaning
 from hybrid_sysid_ros.extensions.commander.language.values import described
+from hybrid_sysid_ros.extensions.commander.language.verbs import Verbs
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
+from hybrid_sysid_ros.rigs.units import COUNT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
-FLAT = {"go", "step", "ramp", "stairs"}
-"""Verbs that may lead along stairs."""
-LASTING = re.compile(r"(?:(?:for|with|com) )?(?:a )?(?:duration|duracao|lasting)\b")
+LASTING = re.compile(r"(?:(?:for|with|com) )?(?:a )?(?:duration|duracao|lasting)\b|(?:of|de)\b")
 """How long a motion itself takes, in small letters."""
-SPECIFIC = {"swing", "square", "toggle", "triangle", "chirp", "home", "undo"}
-"""Verbs that say all, beside a general one."""
 
 
-class Meaning(Adjustments):
+class Meaning(Verbs):
     """Takes the quantities of one clause, each for what it can be."""
 
     def __init__(self, clause: Clause, vocabulary: Vocabulary, files: Files, *, behind: bool = False) -> None:
@@ -43,116 +39,7 @@ class Meaning(Adjustments):
                 clause.full_speed = clause.at_full_speed  # "spin at full speed for 5 s"
         if len(set(clause.paces)) > 1:
             raise UserError(f"{' and '.join(clause.paces)} contradict one another: leave one out")
-        self.verb = self._verb()
-
-    def _verb(self) -> str:
-        clause = self.clause
-        found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
-        if "back" in found and not clause.directions and "by" in self.roles:
-            raise UserError(f"back by how much is up or down? say 'up 1 {self.example}' or 'down 1 {self.example}'")
-        if "follow" in found and not clause.names and len(found) > 1 and "step" not in found:
-            found.remove("follow")  # "run the last experiment", "fly a staircase"
-        if "repeat" in found and len(found) > 1 and (self.left or {"undo", "home"} & {*found}):
-            # "undo the last command", "level again"
-            found.remove("repeat")
-        changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
-        if self._climbs(found):
-            return "stairs"
-        being = {
-            symbol.value for symbol in clause.verbs if symbol.text.split()[-1] == "be"
-        }  # "let it be a square wave"
-        general = {"go", *being, "step", "ramp", "back", *([] if clause.names else ["follow"])}  # "run a chirp"
-        if "hold" in found and {"home", "undo"} & {*found} and not self.left:  # "stay at the equilibrium"
-            found.remove("hold")
-        if found == ["chirp"] and not any(item.base == FREQUENCY for item in self.left) and self.span_in_time():
-            found = ["ramp"]  # "sweep from 1 to 2 m in 5 s"
-        if set(found) & SPECIFIC:
-            found = [verb for verb in found if verb not in general]
-        if "chirp" in found and "swing" in found:  # "sweep sinusoidally"
-            found.remove("swing")
-        if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
-            found.remove("go")
-        changes = clause.comparatives or (clause.nouns and clause.shares)
-        slower = found == ["swing"] and changes and not self.left  # "swing slower", "swing with twice the amplitude"
-        if slower or (found == ["repeat"] and changed):  # "the same but slower", "again at 1 Hz"
-            found = ["go"]
-        if found in (["go", "back"], ["back", "go"], ["back"]):
-            found = ["undo" if self._returns() else "go"]
-        if found == ["repeat"] and clause.names:
-            found = ["follow"]  # "repeat moves twice"
-        if found == ["follow"] and not clause.names and not self._alone():
-            found, clause.displacing = ["go"], clause.verbs[-1]  # "run at 100 rpm", "fly 100 m"
-        if not found and clause.names:
-            found = ["look" if is_picture(clause.names[0]) else "follow"]
-        if {*found} == {"follow", "step"} and not clause.names:
-            return "follow"  # "follow steps", where there is no such reference
-        if (
-            found in ([], ["go"])
-            and any(item.base == FREQUENCY or item.kind == "period" or item.role == "every" for item in self.left)
-            and any(item.role in ("plus_minus", "between") for item in self.left)
-        ):
-            found = ["swing"]
-        if not found and clause.wish and self.left and all(item.base == TIME for item in self.left):
-            found = ["wait"]  # "give it 5 s"
-        if not found and (
-            clause.directions or clause.comparatives or clause.targets or clause.shares or clause.full_speed
-            or self.span_in_time() or (clause.sense and self.left)
-            or any(item.role in ("to", "range") or self.adjusted(item) for item in self.left) or self._said()
-        ):  # fmt: skip
-            found = ["go"]
-        if len(found) > 1:
-            raise UserError(f"{found[0]} and {found[1]} in one part: join them by 'then'")
-        if not found and self.left and all(item.base == FREQUENCY for item in self.left):
-            found = ["go"]  # "now at 0.3 Hz", of the last swing
-        if not found and self.left and all(item.base == COUNT for item in self.left):
-            found = ["repeat"]  # "three more times"
-        if not found and clause.here:
-            found = ["hold"]
-        if not found:
-            raise UserError(
-                "no verb: begin with 'go to', 'hold', 'ramp to', 'step to', 'swing', 'wait', 'home' or 'stop'"
-            )
-        return found[0]
-
-    def span_in_time(self) -> bool:
-        """Whether a clause leads from one value to another one in a time."""
-        return {"range", "in"} <= self.roles or {"span", "in"} <= self.roles
-
-    def _climbs(self, found: list[str]) -> bool:
-        """Whether a clause asks for stairs: by the word, by what each step is, or by "up 1 m every 5 s"."""
-        clause, roles = self.clause, self.roles
-        said = clause.increment or clause.count_of_steps or "stairs" in found
-        rises = clause.directions or "by" in roles or ("step" in found and roles & {"range", "to"})
-        return set(found) <= FLAT and bool(said or ("every" in roles and rises))
-
-    def _returns(self) -> bool:
-        """Whether "back" says nothing of where, but for "down again", which is where it was."""
-        clause = self.clause
-        counted = [
-            item for item in self.left if item.base == COUNT or (item.base == TIME and item.role in ("in", "within"))
-        ]
-        twice = [share for share in clause.shares if not share.role and not share.of and share.factor in (2.0, 3.0)]
-        if not self.behind and clause.directions:
-            return False
-        kept = self.left, clause.shares, clause.directions
-        self.left = [item for item in self.left if item not in counted]
-        clause.shares = [share for share in clause.shares if share not in twice]
-        clause.directions = []
-        alone = self._alone()
-        self.left, clause.shares, clause.directions = kept
-        return alone
-
-    def _alone(self) -> bool:
-        """Whether nothing is said beside the verb."""
-        clause = self.clause
-        return not (
-            self.left or clause.directions or clause.comparatives or clause.targets or clause.shares or clause.names
-            or clause.nouns or clause.here or clause.full_speed
-        )  # fmt: skip
-
-    def _said(self) -> bool:
-        """Whether a value is asked for without a verb: by "I want", or by how long it is to last."""
-        return ("" in self.roles and "for" in self.roles) or bool(self.clause.wish and {"", "at"} & self.roles)
+        self.verb = self.chosen()
 
     def command(self) -> commands.Command:
         """What the clause asks for."""
@@ -177,7 +64,7 @@ class Meaning(Adjustments):
             text = self.left[0].text
             raise UserError(f"{text!r}: in that time, or for so long? say 'in {text}' or 'for {text}'")
         if self.left:
-            raise UserError(f"{self.verb} does not take {described(self.left[0])} here: leave it out")
+            raise IncompleteError(f"{self.verb} does not take {described(self.left[0])} here: leave it out")
         if clause.names:
             name = clause.names[0]
             raise UserError(f"{self.verb} takes no file: say {'look like' if is_picture(name) else 'follow'} {name}")
@@ -191,7 +78,7 @@ class Meaning(Adjustments):
         said += [clause.together, clause.whole_range, clause.increment.text if clause.increment else ""]
         said += ["smoothly"] if clause.smoothly and getattr(made, "shape", "smooth") != "smooth" else []
         for text in filter(None, said):
-            raise UserError(f"{text!r} has no meaning with {self.verb} here: leave it out")
+            raise IncompleteError(f"{text!r} has no meaning with {self.verb} here: leave it out")
         if (
             isinstance(made, commands.Home | commands.Repeat | commands.Undo | commands.Wait | commands.Follow)
             and clause.targets
@@ -234,7 +121,7 @@ class Meaning(Adjustments):
     def wait(self) -> commands.Command:
         seconds = self.seconds("", "for", "at", "in")
         if seconds is None:
-            raise UserError("wait for how long? say for example 'wait 2 s', or 'hold' to stay here")
+            raise IncompleteError("wait for how long? say for example 'wait 2 s', or 'hold' to stay here")
         self.clause.here = ""
         return commands.Wait(seconds=seconds)
 
@@ -263,6 +150,8 @@ class Meaning(Adjustments):
         seconds = self.seconds("for")
         if not self.left and not clause.shares:
             return self.stay(seconds or 0.0)
+        if self.verb == "still" and any(item.value and item.base != TIME for item in self.left):
+            raise UserError(f"still, and at {described(self.left[0])}? say 'hold' that value, or leave it out")
         if clause.directions:
             raise UserError(f"hold takes no direction: say 'go {clause.directions[0].text}', or where to hold")
         times = [item for item in self.left if item.base == TIME and item.role not in ("in", "within")]
@@ -290,8 +179,11 @@ class Meaning(Adjustments):
         only = len(rates) == len([k for k in self.vocabulary.tracked if self.vocabulary.outputs[k].moves])
         kept = self.clause.targets
         self.clause.targets = []
-        if self.verb == "still" and only and not seconds:
-            return commands.Home(pace=self.pace)
+        if self.verb == "still" and (moving := self.vocabulary.of_kind("rest")):
+            if only and not seconds:
+                return commands.Home(pace=self.pace)
+            zero = tuple(commands.Goal(output=k, value=0.0) for k in moving)
+            return commands.Move(goals=zero, shape="smooth", pace=self.pace, hold=seconds)
         if rates and not seconds and not self.behind and not (kept and set(kept) <= set(rates)) and only:
             name = self.vocabulary.outputs[rates[0]].name
             raise UserError(
@@ -317,7 +209,10 @@ class Meaning(Adjustments):
             else:
                 self.left.append(replace(item, role="to"))
         if shape == "straight":  # a ramp lasts as long as it takes
-            self.left = [replace(item, role="in") if LASTING.match(folded(item.text)) else item for item in self.left]
+            self.left = [
+                replace(item, role="in") if item.base == TIME and LASTING.match(folded(item.text)) else item
+                for item in self.left
+            ]
         # "slowly, 8 s" can only be how long the motion takes
         seconds = self.seconds("in", "within", *([""] if self.pace == "slowly" else []))
         hold = self.seconds("for")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import Awaited, Clause, Quantity, Share
@@ -46,6 +47,8 @@ class Notes:
         self.part, self.vocabulary = part[first in ("then", "while") :], vocabulary
         goes = any(symbol.kind == "J" and symbol.text.endswith("ing") for symbol in part)
         self.made = Clause(then=first == "then", meanwhile=first == "while", going=goes)
+        said = [symbol for symbol in self.part if symbol.kind not in "yJ"]
+        self.made.neighbours = [pair for pair in pairwise(said) if pair[0].kind == pair[1].kind == "V"]
         self.output: int | None = None
         """That was named last."""
         self.waiting = False

@@ -76,6 +76,10 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             symbol.kind in "j," and _begins(before, following, found[k + 1 :], listed, swung=swung)
         ):
             made.append([symbol] if symbol.value in ORDERS else [])
+        elif symbol.kind == "D" and "Q" in before and re.match("QH?,?[VyuU]", ahead):
+            made.append([symbol])  # "raise it by 1 m, after 5 s go home": the delay is of what follows
+        elif before == "Z" and made[-1][0].value[0] == "until" and symbol.kind not in ",j":
+            made.append([symbol])  # what goes before lasts until then, and this comes behind it
         elif symbol.kind != "," or _parts_noun(made[-1], found[k + 1 :]):
             made[-1].append(symbol)
     return _in_order([part for part in made if part])
@@ -131,16 +135,18 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
         turns or [symbol.kind for symbol in rest[:2]] == ["U", "T"]
     ):  # "and back to 0", "and down to 0"
         return True
-    if re.fullmatch("V?Z|V?z[KO]?T?Q", before) and following in ("V", "y", "U", "u"):  # "wait until it is still and go"
+    if re.fullmatch("V?Z|V?z[KO]?T?Q", before) and following in tuple("VyUuTQKO"):  # "... still and go"
         return True
     led = [symbol.kind for symbol in rest[2:3]] not in ([], [";"])
     if led and "Q" in before and [symbol.kind for symbol in rest[:2]] == ["Q", "E"]:  # "and 5 s later to 0"
         return True
-    if re.search("Q.*[Ud]|[Ud].*Q", before) and re.match("Q[UdM+]", "".join(symbol.kind for symbol in rest)):
+    if not swung and re.search("Q.*[Ud]|[Ud].*Q", before) and re.match("Q[UdM+]", letters):
         return True  # "100 m higher and 10 m/s faster"
     if following == "V" and rest[0].value == "repeat" and "Q" in before:  # "go to 1 m, then 0, repeat 3 times"
         return True
     if following == "u" and "Q" in before:  # "hold 3 s, home"
+        return True
+    if following == "+" and "Q" in before and [symbol.kind for symbol in rest[1:2]] == ["Q"]:  # "and another 200"
         return True
     if following == "t" and len(rest) > 1 and rest[1].kind in "Vy":  # "and at the same time slow down"
         return True
@@ -151,7 +157,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
     if re.search("B(?:[KO]o?)?Q$", before):
         return False  # "between 4 and 6 rad/s, 5 s each"
     if (
-        not swung and re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T")
+        not swung and re.search("Q$" if listed else "Q.*[Rr]Q$", before) and following in ("Q", "T", "W")
     ):  # "1 m for 5 s, 2 m for 5 s"
         return is_level(next((symbol for symbol in rest if symbol.kind == "Q"), None))
     return following in ("Z", "z", "D") and any(symbol.kind in "VUw" or _is_value(symbol) for symbol in rest[1:])

@@ -176,7 +176,7 @@ class QuantityReader:
             return False
         spoken = {**self.lexicon.table["numbers"], **self.lexicon.table["signs"]}
         at, self.at = self.at, k
-        share, self.at = self.share_of_a_unit(), at
+        share, self.at = self.share_of_a_unit() or self.article_for_one(), at
         if share or self.longest(self._spelled(), skip=skip):  # "half a metre", "a hundred"
             return True
         return self.tokens[k].kind == "number" or self.words[k] in spoken or self._point_here(k)
@@ -208,6 +208,7 @@ class QuantityReader:
         if not count:
             return 0.0
         share = self.lexicon.parts_of_one[tuple(self.words[start : start + count])]
+        count += self.longest(self.lexicon.meaning_first(("o", "of")), skip=count)
         self.at += count + self.longest(self.lexicon.parts["articles"], skip=count)
         if self.longest(self.lexicon.units) or (self.at < len(self.tokens) and self._unit_at(self.at) is not None):
             return share

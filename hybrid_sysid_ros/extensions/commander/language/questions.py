@@ -36,6 +36,8 @@ def _asks(parts: list[list[str]], language: Lexicon, *, bare: bool) -> bool:
         return False
     asked = [_begins(words, language) for words in parts]
     rest = [word for words, asks in zip(parts, asked, strict=True) if not asks for word in words]
+    if bare and parts and any(language.longest(language.parts["asks_within"], parts[0][k:]) for k in (0, 1, 2)):
+        return True  # "between which values may it go?"
     return bool(asked) and (bare or asked[0]) and not _orders().intersection(rest)
 
 
@@ -56,7 +58,8 @@ def _begins(words: list[str], language: Lexicon) -> bool:
 def _orders() -> frozenset[str]:
     """Words that order something in one of the languages."""
     found = (item for language in LANGUAGES for item in lexicon(language).meanings.items())
-    return frozenset(words[0] for words, said in found if len(words) == 1 and ORDERS & {kind for kind, _ in said})
+    single = ((words[0], said) for words, said in found if len(words) == 1 and not words[0].endswith("ing"))
+    return frozenset(word for word, said in single if ORDERS & {kind for kind, _ in said})
 
 
 def answered(state: RigState, rig: Rig) -> str:

@@ -53,6 +53,12 @@ def says_more(text: str) -> bool:
     return any(letter.isdigit() for letter in text) or patterns.more.search(said) is not None
 
 
+def is_motionless(text: str) -> bool:
+    """Whether a text asks for standstill, as "stand still" does."""
+    patterns = _patterns()
+    return patterns.motionless.search(_normalised(text, patterns)) is not None
+
+
 def folded(text: str) -> str:
     """In small letters, without accents and apostrophes."""
     split = unicodedata.normalize("NFKD", text.casefold().replace("'", "").replace("\u2019", ""))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import ENDS, Quantity
+from hybrid_sysid_ros.extensions.commander.language.clauses import ENDS, IncompleteError, Quantity
 from hybrid_sysid_ros.extensions.commander.language.commands import Swing
 from hybrid_sysid_ros.extensions.commander.language.values import SHORTEST, Values
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME
@@ -100,7 +100,7 @@ class SwingMeaning:
             )
         if every:
             return 1.0 / ((2.0 if self.verb == "step" else 1.0) * every), None
-        raise UserError(f"{self.verb} how often? say 'at 0.2 Hz' or 'every 5 s'")
+        raise IncompleteError(f"{self.verb} how often? say 'at 0.2 Hz' or 'every 5 s'")
 
     def often(self) -> float:
         """The frequency of "5 times in 20 s" [Hz], 0 where that was not said; the time is left."""
@@ -133,6 +133,11 @@ class SwingMeaning:
         bare = [
             item for item in values.left if item.role in ("", "at") and self.is_span(item) and item.kind not in SIZES
         ]
+        ways = {symbol.value for symbol in values.clause.directions}
+        if not ends and len(bare) == 2 and ways == {1.0, -1.0} and bare[0].value == bare[1].value > 0.0:
+            values.left.remove(bare[1])  # "two degrees up and two down"
+            values.clause.directions = []
+            return self.about(replace(bare[0], role="plus_minus"), None)
         ends = bare if not ends and len(bare) == 2 else ends  # "square wave, 0 and 3 m"
         if values.clause.whole_range and not ends and not bare:
             return self.over_all()
@@ -142,7 +147,7 @@ class SwingMeaning:
         if span is not None:
             return self.about(span, centre)
         if len(ends) != 2 or centre is not None:
-            raise UserError(f"{self.verb} between what? say 'between -1 and 1 {values.example}'")
+            raise IncompleteError(f"{self.verb} between what? say 'between -1 and 1 {values.example}'")
         for item in ends:
             values.left.remove(item)
         first, last = ends

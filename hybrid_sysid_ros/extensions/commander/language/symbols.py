@@ -13,7 +13,7 @@ from hybrid_sysid_ros.extensions.commander.language.parts import is_level
 from hybrid_sysid_ros.extensions.commander.language.quantities import Token
 from hybrid_sysid_ros.extensions.commander.language.stops import folded, stop_in
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, meant
-from hybrid_sysid_ros.rigs.units import COUNT
+from hybrid_sysid_ros.rigs.units import COUNT, TIME
 from hybrid_sysid_ros.support.errors import UserError
 
 SHAPES = {"step", "ramp", "swing", "square", "toggle", "triangle", "chirp", "stairs"}
@@ -80,6 +80,7 @@ class _Reader(CorrectionReader):
         """Put "more" behind the unit that follows it, as in "two more degrees", and known words in the places of their
         slips. Raises UserError for a word that nothing resembles.
         """
+        self.count_single_times()
         known = self.lexicon.words | self.vocabulary.words(self.lexicon.name)
         numbers = self.lexicon.table["numbers"]
         for k in range(1, len(self.tokens) - 1):
@@ -101,6 +102,25 @@ class _Reader(CorrectionReader):
                 self.words[k] = folded(owner)
                 continue
             self.words[k] = self.mended(k, word, known, after_number)
+
+    def count_single_times(self) -> None:
+        """Write "another minute" and "cada segundo" with their 1, and "another two minutes" without the other word."""
+        another, each = (frozenset(self.lexicon.table[key]) for key in ("another", "each_time"))
+        for k in range(len(self.words) - 1, -1, -1):
+            if self.words[k] not in another | each:
+                continue
+            self.at, ahead = k + 1, None
+            if self.at < len(self.tokens):
+                unit = self.unit_here()
+                self.at = k + 1
+                ahead = None if unit or self.words[k] in each else self.quantity()
+                if unit is not None and unit.base == TIME and not unit.per:
+                    here = k + (self.words[k] in each)
+                    self.tokens[here : k + 1] = [Token("number", "1")]
+                    self.words[here : k + 1] = [""]
+                elif ahead is not None and ahead.kind == "Q" and ahead.value[1] and ahead.value[1].base == TIME:
+                    del self.tokens[k], self.words[k]
+        self.at = 0
 
     def mended(self, k: int, word: str, known: frozenset[str], after_number: bool) -> str:
         """The known word that a slip stands for. Raises UserError where there is none, or there are several."""
@@ -181,6 +201,9 @@ class _Reader(CorrectionReader):
         ):
             self.at += own[0]
             self.found.append(own[1])
+        elif count == 1 and self._led_by_article() and (self.word(),) in self.lexicon.parts["object"]:
+            self.found.append(Symbol("J", "object", self.word()))  # "the nose", which may be a verb elsewhere
+            self.at += 1
         elif courtesy and courtesy >= count:
             self.at += courtesy
         elif (count == 1 and self._article()) or self._each_of(count):
@@ -198,6 +221,9 @@ class _Reader(CorrectionReader):
     def _without_sign(self, count: int) -> int:
         """How many of so many words are a phrase here: "a menos" says less, but "a menos cem rpm" goes to -100 rpm."""
         words = tuple(self.words[self.at : self.at + count])
+        kinds = [kind for kind, _ in self.lexicon.meanings.get(words, ())]
+        if count > 1 and words[-1] == "another" and kinds[:1] == ["V"] and self._number_follows(count):
+            return count - 1  # "and another 200"
         if count < 2 or words[-1] not in self.lexicon.table["signs"] or self.lexicon.meanings[words][0][0] not in "U+":
             return count
         at, self.at = self.at, self.at + count - 1
@@ -210,7 +236,7 @@ class _Reader(CorrectionReader):
         knows; "gain" is one, but not in "gain 100 m".
         """
         articles = self.longest(self.lexicon.parts["articles"], skip=1)
-        more = self.longest({words for words, other in self.lexicon.meanings.items() if other[:1] == (("+", 1.0),)}, 1)
+        more = self.longest(self.lexicon.meaning_first(("+", 1.0)), 1)
         skip = 1 + max(articles, more, self.lexicon.courtesy(self.words[self.at + 1 :]))
         gains = len(meanings) > 1 and self._number_follows(skip)
         if ("!" in [kind for kind, _ in meanings]) and self._applied(len(said.split())):
@@ -239,12 +265,13 @@ class _Reader(CorrectionReader):
             meanings = [("A", "around")]
         if ("B", "between") in meanings and self._ends(len(said.split())):  # "5 s between"
             meanings = [("e", "every")]
+        spoken_of = bool(self.found) and self.found[-1].kind in "OK"  # "let the speed go up by 10 m/s"
         self.found += [Symbol(kind, value, said) for kind, value in meanings if kind not in "hn!"]
         before = self.found[: -len(meanings)]
         kinds = "".join(each.kind for each in before)
         if ("V", "step") in meanings and re.search("(?:^|[^TFQ])Q$", kinds) and is_level(before[-1]):
             self.found = [*before[:-1], self.found[-1], Symbol("Y", "by", ""), before[-1]]  # "a 2 m step"
-        for noun in [value for kind, value in meanings if kind == "h"]:
+        for noun in [value for kind, value in meanings if kind == "h" and not spoken_of]:
             self.found += [Symbol("O", output, said) for output in self.vocabulary.of_kind(noun)[:1]]
 
     def _ends(self, count: int) -> bool:
@@ -255,7 +282,7 @@ class _Reader(CorrectionReader):
         """Whether a time follows, as in "to a stop in 5 s"."""
         count = self.longest(self.lexicon.meanings, skip=skip)
         said = self.lexicon.meanings.get(tuple(self.words[self.at + skip :][:count]), ())
-        return bool(said) and said[0][0] in "ILi" and self._number_follows(skip + count)
+        return bool(said) and said[0][0] in "ILiRr" and self._number_follows(skip + count)
 
     def _applied(self, count: int) -> bool:
         """Whether "apply" is of a motion, in the same part: "apply a step of 1 m", "apply a 2 m step"."""
@@ -278,6 +305,10 @@ class _Reader(CorrectionReader):
             self._number_follows() or self.tokens[self.at + 1].kind == "sign"
         )
 
+    def _led_by_article(self) -> bool:
+        """Whether an article stands before this word."""
+        return self.at > 0 and (self.words[self.at - 1],) in self.lexicon.parts["articles"]
+
     def _each_of(self, count: int) -> bool:
         """Whether "a zigzag" does not stand behind what each one takes, so that its article says nothing."""
         said = self.lexicon.meanings.get(tuple(self.words[self.at : self.at + count]), ())
@@ -285,9 +316,7 @@ class _Reader(CorrectionReader):
 
     def _definite(self) -> bool:
         """Whether what a share is of is meant as it is: "half the speed", "a third of its height"."""
-        skip = (
-            1 if self.longest({words for words, said in self.lexicon.meanings.items() if said == (("o", "of"),)}) else 0
-        )
+        skip = 1 if self.longest(self.lexicon.meaning_first(("o", "of"))) else 0
         there = self.longest(self.lexicon.parts["definite"], skip=skip) or self.longest(self.lexicon.parts["definite"])
         return bool(there) and bool(self._noun(skip + 1)[0] or self._noun(1)[0])
 
@@ -300,7 +329,7 @@ class _Reader(CorrectionReader):
         behind it ("the drive at 2").
         """
         ahead = self.lexicon.meanings.get(tuple(self.words[self.at + 1 : self.at + 2]), ())
-        if ahead[:1] == (("W", "at"),) or (self.at and (self.words[self.at - 1],) in self.lexicon.parts["articles"]):
+        if ahead[:1] == (("W", "at"),) or self._led_by_article():
             return False
         before = next((symbol.kind for symbol in reversed(self.found) if symbol.kind not in ","), "")
         return before in ("", ";", "j") and any(

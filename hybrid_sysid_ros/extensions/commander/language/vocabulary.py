@@ -167,11 +167,14 @@ class Vocabulary:
 
     def of_kind(self, noun: str) -> list[int]:
         """Tracked outputs that a general word such as "speed" or "angle" may mean."""
+        # what moves along has a place that is none of its angles
+        drives = any(self.units_of(k)[1].base == "m" and self.units_of(k)[1].per for k in self.tracked)
         wanted = {
             "speed": lambda k, si: si.per == 1, "height": lambda k, si: self.outputs[k].name == "height",
             "angle": lambda k, si: (si.base, si.per) == ("rad", 0),
             "rest": lambda k, si: si.per == 1 and self.outputs[k].name not in self.rig.system.operating_point,
-            "position": lambda k, si: si.per == 0 and self.outputs[k].name != "height", "value": lambda k, si: True,
+            "position": lambda k, si: si.per == 0 and self.outputs[k].name != "height" and not drives,
+            "value": lambda k, si: True,
         }[noun]  # fmt: skip
         return [k for k in self.tracked if wanted(k, self.units_of(k)[1])]
 

@@ -171,7 +171,7 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "go", Refused("where")),
     (BEAM, "follow", Refused("what")),
     (BEAM, "swing", Refused("often")),
-    (BEAM, "hold swing 2 V", Refused("then")),
+    (BEAM, "hold swing 2 V", Refused("how often")),
     (BEAM, "stop then go to 3 V", [STOP]),
     (BEAM, "go to 1 V then stop then go to 2 V", [STOP]),  # not understood, and it says stop
     (BEAM, "hold 3 furlongs", Refused("no unit 'furlongs': known are V, rad, deg, s, Hz, %")),

@@ -122,7 +122,7 @@ FEW_WORDS: list[tuple[str, str, Any]] = [
     (BEAM, "ramp to 2 V in 5 s and back to 0 in 5 s", [ramp(2, seconds=5), ramp(0, seconds=5)]),
     (BEAM, "ramp up to 2 V and down to -2 V, 5 s each", [ramp(2, hold=5), ramp(-2, hold=5)]),
     (CONE, "climb 100 m keeping the height at 10 m", Refused("one output has one value at a time")),
-    (BEAM, "passe de 2 V", Refused("unknown word")),
+    (BEAM, "passe de 2 V", Refused("or by it")),
     (DRILL, "step the bit through 2, 4 and 6 rad/s, 2 s each", [step(2, hold=2), step(4, hold=2), step(6, hold=2)]),
     (DRILL, "swing around 6 rad/s, amplitude 1, period 20 s, for 40 s", [swing(5, 7, 0.05, 40)]),
     (DRILL, "put a 1 rad/s sine at half a hertz on top of 6 rad/s for 4 s", [swing(5, 7, 0.5, 4)]),

@@ -268,4 +268,26 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (CONE, "lower the speed by 10 m/s while holding the speed", Refused("and change it")),
     (CONE, "hold this height and lose 10 m/s", [wait(0), by(-10, "speed")]),
     (CONE, "hold the speed, then lower it by 10 m/s", [wait(0), by(-10, "speed")]),
+    # What stands behind a comma is a part of its own where both together say nothing.
+    (JOINT, "link speed = 24 rpm for 6 s, 12 rpm for 4 s", [go(24, hold=6), go(12, hold=4)]),
+    (WHEEL, "run at 80 rpm for 10 s, at 160 rpm for 10 s", [go(80, hold=10), go(160, hold=10)]),
+    # Who turns what has another word for it that moves, and what stands still does not go on.
+    (ROBOT, "swing the nose 15 degrees to starboard", [by(-15, "yaw")]),
+    (ROBOT, "go backwards at 0.1 m/s for 4 s, then stand still", [go(-0.1, "speed", hold=4), go(0, "speed")]),
+    (JOINT, "be still for 5 s", [go(0, hold=5)]),
+    (ROBOT, "hold position", Refused("position")),
+    # Two verbs side by side, of which one says how.
+    (JOINT, "the link should be doing 16 rpm", [go(16)]),
+    (DRILL, "go to 4 rad/s, wait 5 s, take it back to 3 rad/s", [go(4), wait(5), go(3)]),
+    (CONE, "I'd like the height raised by 60 m", [by(60, "height")]),
+    # A delay in the middle is of what follows, in both languages.
+    (CONE, "aumente a velocidade em 10 m/s e depois de 30 s volte ao nominal", [by(10, "speed"), wait(30), HOME]),
+    (CONE, "suba 300 metros a cinco metros por segundo", [by(300, "height", rate=5)]),
+    # One more time, with its 1; a number that can only be a time; who is spoken of by the way.
+    (CONE, "climb 30 m over one minute, wait another minute", [by(30, "height", seconds=60), wait(60)]),
+    (CONE, "suba 60 m, fique 30 s, suba 60 m, fique mais 20", [by(60, "height"), wait(30), by(60, "height"), wait(20)]),
+    (ROBOT, "forward point two five for 3 s", [go(0.25, "speed", hold=3)]),
+    (CONE, "go up a thousand", [by(1000, "height")]),
+    (CONE, "go up by 20", Refused("of which output")),
+    (BEAM, "rock a degree up and a degree down every 8 s for 16 s", [swing(-1 / 1.3, 1 / 1.3, 0.125, 16)]),
 ]
