@@ -154,7 +154,7 @@ class BareNumbers:
         if self.paired(k):
             return False
         if before.endswith("W"):
-            return not verbs & SWUNG and "Q" not in before[before.rfind("V") + 1 :]
+            return not verbs & SWUNG and "Q" not in before[max(before.rfind("V"), before.rfind(",")) + 1 :]
         if before.endswith("V"):
             return not verbs & TIMELESS and (
                 before[-2:-1] != "y" or re.match("[UMd]", after) is not None or self.place() or self.said(k) is not None
@@ -174,7 +174,7 @@ class BareNumbers:
         """Whether it is one end of a pair whose other one is a frequency."""
         near = [
             self.given[j]
-            for j in (k - 3, k - 2, k + 2)
+            for j in (k - 3, k - 2, k + 2, k + 3)
             if 0 <= j < len(self.found) and set(self.letters[min(j, k) + 1 : max(j, k)]) <= set("TjU")
         ]
         return any(symbol.kind == "Q" and symbol.value[1] and symbol.value[1].base == FREQUENCY for symbol in near)

@@ -11,6 +11,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Command,
     Condition,
     Home,
+    Move,
     Repeat,
     Sentence,
     Swing,
@@ -51,6 +52,10 @@ SWUNG = ("amplitude", "peak_to_peak", "frequency", "period")
 
 STAYS = re.compile(r"(?:stay|remain|permane|fique|fica)")
 """Verbs of holding that leave a value where it is."""
+
+
+RUNS = re.compile(r"\b(?:run|running|go|going|rodar|rodando)\b")
+"""In a verb of holding, that what moves goes on."""
 
 
 class DoubtfulTimeError(UserError):
@@ -154,6 +159,8 @@ def _stage(
             clause.verbs += [
                 verb for verb in carried(commands, found[:k]) if verb.value != "hold" or not clause.directions
             ]
+        if not clause.verbs and [way.kind for way in clause.directions] == ["+"]:
+            clause.directions = _same_way(clause.directions[0], commands)  # "down 1 m, then another metre"
         dwelt = (k < len(found) - 1 or dwelt) and _dwells(clause)
         verbs = [symbol.value for symbol in clause.verbs]
         if clause.condition is not None or (clause.delay is not None and not commands):
@@ -240,9 +247,19 @@ def _stage(
     return Sentence(text=text, commands=tuple(commands))
 
 
+def _same_way(more: Symbol, commands: Sequence[Command]) -> list[Symbol]:
+    """The direction of "another metre": that of the change before. Raises UserError where there is one of each."""
+    ways = {goal.toward for last in commands if isinstance(last, Move) for goal in last.goals if goal.relative} - {0.0}
+    if len(ways) > 1:
+        raise UserError(f"{more.text!r}: up, or down? say which")
+    return [more._replace(value=ways.pop())] if ways else [more]
+
+
 def _lasting(clause: Clause, before: Clause, vocabulary: Vocabulary) -> float:
     """How long a swing lasts where the next part says no more, as in "run it for 20 s"; 0 for any other."""
-    said = {symbol.value for symbol in clause.verbs if symbol.text.split()[0] != "repeat"}
+    runs = [symbol for symbol in clause.verbs if symbol.value == "hold" and RUNS.search(symbol.text)]
+    others = [symbol for symbol in clause.verbs if symbol.text.split()[0] != "repeat"]
+    said = {"follow" if symbol in runs else symbol.value for symbol in others}
     times = [item for item in clause.quantities if item.base == TIME and item.role in ("for", "over")]
     if (
         not said

@@ -103,7 +103,8 @@ class _Matcher(Notes):
     def resolved(self, found: FilledSlot) -> FilledSlot:
         """With the slot that a Portuguese preposition of several meanings has here."""
         led = any(symbol.value == "to_or_at" for symbol in found.part)
-        if led and (self.paces(found.quantities) or _own_rate(found.quantities)):  # "a 2 Hz", "300 m a 5 m/s"
+        pair = [*((item.value, item.unit) for item in self.made.quantities), *found.quantities][-2:]
+        if led and (self.paces(found.quantities) or _own_rate(pair)):  # "a 2 Hz", "300 m a 5 m/s"
             self.made.quantities += [self.quantity(said, "", found.text) for said in found.quantities[:-1]]
             at = next(k for k, symbol in enumerate(found.part) if symbol.value == "to_or_at")
             return found._replace(slot="rate", quantities=found.quantities[-1:], part=found.part[at:])

@@ -29,6 +29,16 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         if symbol.kind == "," and re.fullmatch("[KOJ]+", before) and following in ("V", "y"):
             continue  # a name before a verb
         acts = following in tuple("VyUw") or (following == "J" and found[k + 1].text.endswith("ing"))
+        named = {each.value for each in made[-1] if each.kind in "KO"}
+        named_again = following in ("K", "O") and found[k + 1].value in named and not swung
+        ahead = "".join(each.kind for each in found[k + 1 :])
+        turns = re.search("U.*Q", before) and re.match("U[TY]?Q", ahead) and not swung
+        if symbol.kind == "," and turns:  # "up 1 m, down 2 m"
+            made.append([])
+            continue
+        if symbol.kind == "," and named_again and re.search("Q.*[Rr]Q", before):
+            made.append([])  # "link at 1 m for 5 s, link at 2 m for 5 s"
+            continue
         if symbol.value == "before" and not acts:
             raise UserError(
                 f"{symbol.text!r}: nothing watches for that: say what comes first, and the other behind 'then'"
@@ -61,7 +71,6 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
             continue
         ended = _is_wait(made[-1]) and following in tuple("UQTKO")
         ended = ended or (following == "V" and is_level(next(iter(made[-1]), None)))  # "60 rpm, wait 5 s, 50 rpm"
-        ahead = "".join(each.kind for each in found[k + 1 :])
         if symbol.kind == "," and re.search("M[bm]?$", before) and re.match(r"oQ|Q(?!o?[KO]?[U+M])", ahead):
             said = " ".join(each.text for each in (made[-1][-1], found[k + 1]))
             raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by' before it")
@@ -145,6 +154,8 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
     if following == "V" and rest[0].value == "repeat" and "Q" in before:  # "go to 1 m, then 0, repeat 3 times"
         return True
     if following == "u" and "Q" in before:  # "hold 3 s, home"
+        return True
+    if re.search("d.*Q|Q.*d", before) and following == "d" and "Q" in letters:  # "forward 1 m/s, backward 1 m/s"
         return True
     if following == "+" and "Q" in before and [symbol.kind for symbol in rest[1:2]] == ["Q"]:  # "and another 200"
         return True

@@ -155,7 +155,7 @@ class QuantityReader:
     def _one(self) -> bool:
         """Whether "one" is a number here: a unit or a decimal follows."""
         following = self.words[self.at + 1 : self.at + 2]
-        if self.word() == "one" and self._led() and (not following or following[0] in ("", "more")):
+        if self.word() == "one" and self._led() and (not following or following[0] in ("", "more", "every", "each")):
             return True  # "add one"
         return bool(following) and (
             self.longest(self.lexicon.units, skip=1) > 0

@@ -290,4 +290,12 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (CONE, "go up a thousand", [by(1000, "height")]),
     (CONE, "go up by 20", Refused("of which output")),
     (BEAM, "rock a degree up and a degree down every 8 s for 16 s", [swing(-1 / 1.3, 1 / 1.3, 0.125, 16)]),
+    # One more goes the same way, a swing that is let run lasts so long, and a band has one unit.
+    (CONE, "come down 100 m, and after 20 s another 100 m", [by(-100, "height"), wait(20), by(-100, "height")]),
+    (CONE, "up 100 m, down 50 m, then another 100 m", Refused("up, or down?")),
+    (BEAM, "square wave of 2 V with a period of 7 s, and let it run for a minute", [square(-2, 2, 1 / 7, 60)]),
+    (CONE, "sobe até 500 m a 10 m/s", [go(500, "height", rate=10)]),
+    (ROBOT, "forward 0.2 for 4 s, backward 0.2 for 4 s", [go(0.2, "speed", hold=4), go(-0.2, "speed", hold=4)]),
+    (BEAM, "raise it by 1 V and wait for a minute", [by(1), wait(60)]),
+    (ROBOT, "be still at 0.2 m/s", Refused("still, and at")),
 ]
