@@ -271,7 +271,8 @@ class Notes:
         self.made.sense = found.part[0]
 
     def _note_displacing(self, found: FilledSlot) -> None:
-        self.made.displacing = found.part[0]
+        if not self.made.quantities:  # "2 m, ramped over 5 s" leaves nothing open
+            self.made.displacing = found.part[0]
 
     def _note_wish(self, found: FilledSlot) -> None:
         self.made.wish = True

@@ -53,6 +53,7 @@ PHRASES = (
         re.compile(r"\b(?:(once)|twice)\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I),
         lambda match: f" at {2 - bool(match[1])} Hz ",
     ),
+    (re.compile(r"\b(?:per|a)\s+second\s+squared\b|\bpor\s+segundo\s+ao\s+quadrado\b", re.I), "/s^2 "),
     (re.compile(r"\b(?:per|por)\s+sec(?:ond)?s?\b|\bpor\s+segundo\b", re.I), "/s "),
     (re.compile(rf"\b(?!(?:{TIMED})\b)([^\W\d_]+|%)\s+a\s+sec(?:ond)?s?\b", re.I), r"\1/s "),
     (

@@ -11,6 +11,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 ORDERS = ("then", "while", "before", "after")
 """Words with which a part begins that say when it comes."""
+MANNER = re.compile("(?:ramped|stepped|held)")
+"""Verbs that say how what stands before them is gone to."""
 SWUNG = frozenset({"swing", "square", "toggle", "triangle", "chirp"})
 """Verbs whose count is that of their periods."""
 
@@ -161,6 +163,10 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
         return True
     if following == "t" and len(rest) > 1 and rest[1].kind in "Vy":  # "and at the same time slow down"
         return True
+    if following == "V" and rest[0].value in SWUNG and re.search("[Bp]", before) and "V" not in before:
+        return False  # "between 3 and 5 m, sine, 20 s period"
+    if following in ("V", "y") and MANNER.fullmatch(next(each.text for each in rest if each.kind == "V")):
+        return False  # "2 m, ramped over 5 s"
     if following in ("V", "y") and re.search("Qe$", before):  # "1, 2 and 3 m, 5 s each, and return"
         return True
     if following in ("V", "y", ";"):

@@ -109,7 +109,11 @@ class SwingMeaning:
         if another := len(count) == 2 and len(single) == 1:  # "one cycle in 4 s, three cycles"
             count = single
         within = [item for item in self.values.left if item.base == TIME and item.role == "in"]
-        if len(count) != 1 or len(within) != 1 or any(item.role == "every" or item.kind for item in self.values.left):
+        if (
+            len(count) != 1
+            or len(within) != 1
+            or any(item.role == "every" or item.kind in ("frequency", "period") for item in self.values.left)
+        ):
             return 0.0
         self.values.left.remove(count[0])
         if another:

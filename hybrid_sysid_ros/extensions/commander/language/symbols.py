@@ -261,6 +261,8 @@ class _Reader(CorrectionReader):
                 return
             if not self.vocabulary.of_kind(noun):
                 raise UserError(f"{said!r}: nothing here has a {noun}: say a value, as in 'go to 0'")
+        if ("N", "present") in meanings and said.endswith("was") and self.found and self.found[-1].value == "back_to":
+            meanings = [("P", "former")]  # "put it back to what it was"
         if ("u", "home") in meanings and (said,) in self.lexicon.parts["middle"] and self._number_follows(1):
             meanings = [("A", "around")]
         if ("B", "between") in meanings and self._ends(len(said.split())):  # "5 s between"

@@ -40,6 +40,8 @@ class Verbs(Adjustments):
             # "undo the last command", "level again"
             found.remove("repeat")
         changed = clause.nouns or clause.comparatives or any(item.kind or item.base == FREQUENCY for item in self.left)
+        if len(found) == 2 and found[0] in LIGHT and found[1] not in STAYING and self._side_by_side():
+            found = found[1:]  # "it should be doing 1 m", "let it keep swinging"
         if self._climbs(found):
             return "stairs"
         led = any(item.role == "to" for item in self.left)
@@ -49,8 +51,6 @@ class Verbs(Adjustments):
             found = ["go"]  # "reset the height to 10 m"
         if found == ["repeat"] and AGAIN.match(clause.verbs[0].text) and any(map(self._is_place, self.left)):
             found = ["go"]  # "forward again at 1 m/s"
-        if len(found) == 2 and found[0] in LIGHT and found[1] not in STAYING and self._side_by_side():
-            found = found[1:]  # "it should be doing 1 m", "let it keep swinging"
         spoken = self.vocabulary.spoken
         ways = {word for words in spoken.values() for word, name in words.items() if name[0] in "+-"}
         turned = any(way.text in ways for way in clause.directions)
