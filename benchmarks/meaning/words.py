@@ -51,6 +51,10 @@ WAY_IN = re.compile(
     r"|they steer|it tracks|needs?|diga)\b"
 )
 """By which a refusal says what to write instead."""
+LISTS = (
+    "sentences", "kept_sentences", "strangers", "later_strangers", "fresh_strangers", "plain_strangers",
+    "plainer_strangers",
+)  # fmt: skip
 DONE, CLEAR, STOPPED = 0.85, 0.90, 1.0
 """Asked: sensible sentences that are done, refusals that name the way in, stops that stop."""
 
@@ -284,7 +288,7 @@ def measured(*, count: int = 100_000, seed: int = 0) -> tuple[Mapping[str, Any],
         Row("random texts beyond the limits", 0, random["beyond"], at_most=True),
         Row("tracebacks of random texts", 0, random["tracebacks"], at_most=True),
     ]
-    for name in ("sentences", "kept_sentences", "strangers", "later_strangers", "fresh_strangers", "plain_strangers"):
+    for name in LISTS:
         found[name] = one = judged(examples(f"{name}.txt"))
         rows += [
             Row(f"{name}: moved otherwise than said", 0, len(one["wrong"]), at_most=True),

@@ -54,6 +54,7 @@ STAYS = re.compile(r"(?:stay|remain|permane|fique|fica)")
 """Verbs of holding that leave a value where it is."""
 
 
+FIRST = re.compile(r"\b(?:first|primeiro)\b", re.IGNORECASE)
 RUNS = re.compile(r"\b(?:run|running|go|going|rodar|rodando)\b")
 """In a verb of holding, that what moves goes on."""
 
@@ -226,6 +227,8 @@ def _stage(
             here, kept = clause.here, {*clause.targets}
             made = meaning.command()
             other = k > 0 and [verb.text for verb in clause.verbs] != [verb.text for verb in found[k - 1].verbs]
+            if FIRST.search(text) and any(isinstance(command, Repeat) for command in commands):
+                raise UserError("which comes first? say 'repeat' alone, or the parts in their order, joined by 'then'")
             if commands == [made] and made in (Repeat(), Undo()) and other and not JOINED.search(text):
                 continue  # "one more time, same as before"
             if re.search(r"\b(?:is|are|esta)\b", here) and isinstance(made, Wait) and has_moved(commands, kept):

@@ -35,6 +35,9 @@ class SwingMeaning:
 
     def command(self) -> Swing:
         values = self.values
+        each = values.clause.each
+        if each is not None and len({symbol.value for symbol in values.clause.directions}) > 1:
+            raise UserError(f"{each.text!r}: each way, or there and back? say 'with a period of' how long")
         first, last = self.frequencies()
         low, high, output, relative = self.range()
         values.clause.targets = [k for k in values.clause.targets if k != output]
@@ -139,7 +142,7 @@ class SwingMeaning:
         ]
         ways = {symbol.value for symbol in values.clause.directions}
         if not ends and len(bare) == 2 and ways == {1.0, -1.0} and bare[0].value == bare[1].value > 0.0:
-            values.left.remove(bare[1])  # "two degrees up and two down"
+            values.left = [item for item in values.left if item not in bare]  # "two degrees up and two down"
             values.clause.directions = []
             return self.about(replace(bare[0], role="plus_minus"), None)
         ends = bare if not ends and len(bare) == 2 else ends  # "square wave, 0 and 3 m"
