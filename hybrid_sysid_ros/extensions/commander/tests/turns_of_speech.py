@@ -298,4 +298,6 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (ROBOT, "forward 0.2 for 4 s, backward 0.2 for 4 s", [go(0.2, "speed", hold=4), go(-0.2, "speed", hold=4)]),
     (BEAM, "raise it by 1 V and wait for a minute", [by(1), wait(60)]),
     (ROBOT, "be still at 0.2 m/s", Refused("still, and at")),
+    (JOINT, "undo the last two commands", Refused("only what was last")),
+    (ROBOT, "zigzag: 20 degrees left, 20 right, 2 s each", Refused("each way, or there and back?")),
 ]
