@@ -162,6 +162,9 @@ def _stage(
             ]
         if not clause.verbs and [way.kind for way in clause.directions] == ["+"]:
             clause.directions = _same_way(clause.directions[0], commands)  # "down 1 m, then another metre"
+        if clause.then and _only_by(clause):
+            more = Symbol("+", 1.0, clause.quantities[0].text)  # "down by 1 m, then by 2 m"
+            clause.directions = [way for way in _same_way(more, commands) if way != more]
         dwelt = (k < len(found) - 1 or dwelt) and _dwells(clause)
         verbs = [symbol.value for symbol in clause.verbs]
         if clause.condition is not None or (clause.delay is not None and not commands):
@@ -248,6 +251,12 @@ def _stage(
         if clause.each is not None:
             commands = held_each(commands, clause.each, Values(clause, vocabulary).time(clause.each))
     return Sentence(text=text, commands=tuple(commands))
+
+
+def _only_by(clause: Clause) -> bool:
+    """Whether a clause says by how much, and nothing else."""
+    by = [item.role for item in clause.quantities] == ["by"] and clause.quantities[0].value > 0.0
+    return by and not (clause.verbs or clause.directions or clause.shares or clause.names or clause.targets)
 
 
 def _same_way(more: Symbol, commands: Sequence[Command]) -> list[Symbol]:

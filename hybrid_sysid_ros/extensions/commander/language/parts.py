@@ -34,7 +34,7 @@ def sentence_parts(found: Sequence[Symbol]) -> list[list[Symbol]]:
         named = {each.value for each in made[-1] if each.kind in "KO"}
         named_again = following in ("K", "O") and found[k + 1].value in named and not swung
         ahead = "".join(each.kind for each in found[k + 1 :])
-        turns = re.search("U.*Q", before) and re.match("U[TY]?Q", ahead) and not swung
+        turns = re.search("U.*Q", before) and re.match("UO?[TY]?Q", ahead) and not swung
         if symbol.kind == "," and turns:  # "up 1 m, down 2 m"
             made.append([])
             continue
@@ -136,7 +136,7 @@ def _begins(before: str, following: str, rest: Sequence[Symbol], listed: bool, *
     """
     if swung and "Q" not in before and following == "V" and rest[0].value == "swing":
         return False  # "wiggle the heading: sine, 15 degrees"
-    if re.search("U.*Q|Q.*U", before) and re.match("[KO]+o?U", "".join(symbol.kind for symbol in rest)):
+    if re.search("U.*Q|Q.*U|^V[KO]$", before) and re.match("[KO]+o?U", "".join(symbol.kind for symbol in rest)):
         return True  # "height up 100 m, speed down 10 m/s"
     letters = "".join(symbol.kind for symbol in rest)
     if re.search("[VU].*Q", before) and re.match("IQ[Vy]", letters):  # "go to 1 m, in 3 s go to 2 m"

@@ -300,4 +300,6 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (ROBOT, "be still at 0.2 m/s", Refused("still, and at")),
     (JOINT, "undo the last two commands", Refused("only what was last")),
     (ROBOT, "zigzag: 20 degrees left, 20 right, 2 s each", Refused("each way, or there and back?")),
+    (BEAM, "slow, down by 1 V, then by another 2 V", [by(-1, pace="slowly"), by(-2)]),
+    (ROBOT, "left 20, right 40, 3 s each", [by(20, "yaw"), wait(3), by(-40, "yaw"), wait(3)]),
 ]
