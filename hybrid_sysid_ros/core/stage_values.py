@@ -88,9 +88,9 @@ class StageValues(Wrapper):
         inner: System = self.physics
         while isinstance(inner, Wrapper):
             inner = inner.physics
-        known = {item.name: getattr(inner, item.name) for item in inner.parameters}
-        known |= {item.name: value for item, value in zip(self.physics.outputs, y, strict=True)}
+        known = {item.name: getattr(inner, item.name) for item in inner.parameters if hasattr(inner, item.name)}
         known |= {item.name: value for item, value in zip(self.states, x, strict=True)}
+        known |= {item.name: value for item, value in zip(self.physics.outputs, y, strict=True)}
         commanded = zip(self.physics.inputs, u[:m], u[m + q : 2 * m + q], strict=True)
         known |= {item.name: value - offset for item, value, offset in commanded}
         for name, value in zip(self.stage, u[m : m + q], strict=True):

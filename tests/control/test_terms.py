@@ -14,9 +14,12 @@ from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.safety.supervision import _allowed
 from hybrid_sysid_ros.control.terminal_cost import riccati_terms
+from hybrid_sysid_ros.control.terms import terms_of, with_terms
 from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.core.symbolic import symbolic_output
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.two_inputs import PROBLEM, Arms, instance
+from tests.model_samples import FROM_DATA
 from tests.one_joint import Linear
 from tests.straight_beam import straight
 
@@ -246,6 +249,16 @@ def test_an_unknown_stage_parameter_is_refused_later_too(solver):
         solver.assign(limits=1.0)
     with pytest.raises(UserError, match="no stage parameter limits: the problem has none"):
         replace(solver.problem, terms=(), stage_parameters=()).assign(np.zeros((1, 0)), {"limits": 1.0})
+
+
+@pytest.mark.parametrize("structure", FROM_DATA)
+def test_a_term_of_an_output_holds_for_structures_made_of_their_data(structure):
+    """Their parameters have no attributes that a formula could name."""
+    system = FROM_DATA[structure]
+    whole = with_terms(system, terms_of({"square": {"value": f"{system.outputs[0].name}**2", "price": 1.0}}), ())
+    x, u = np.full(len(system.states), 0.01), np.full(len(whole.inputs), 0.02)
+    *outputs, square = np.array(symbolic_output(whole)(x, u)).ravel()
+    assert square == pytest.approx(outputs[0] ** 2, rel=1e-12)
 
 
 @pytest.mark.parametrize("weights", [(-1.0,), (math.nan,), "x", 5j])
