@@ -27,8 +27,8 @@ TABLES: dict[str, tuple[str, ...]] = {
         "identification", "protocols", "public", "trust", "input_sampling", "drill_string", "flexible_joint",
         "wheel_motor", "winged_cone", "fuzzy", "estimators", "mpc_speed", "mpc_gallery", "mpc_batch", "tune",
         "tune_bound", "closed_loop", "policy", "certificates", "accuracy", "meaning", "commander", "camera",
-        "loop_timing", "message_cost", "live_view", "start", "bag_reading", "bodies", "generated", "native", "composed",
-        "fuzz", "loop_fuzz", "false_alarms", "fault_rehearsal", "faults", "soak",
+        "loop_timing", "message_cost", "live_view", "start", "bag_reading", "bodies", "exports", "generated", "native",
+        "composed", "fuzz", "loop_fuzz", "false_alarms", "fault_rehearsal", "faults", "soak",
     )},
     "studies.drill_string": ("record", DATA),
 }  # fmt: skip

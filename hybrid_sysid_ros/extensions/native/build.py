@@ -37,7 +37,7 @@ FURTHER_FLAGS = "CFLAGS"
 """Environment variable of further flags, as make has it."""
 TIME_LIMIT = 300.0
 """Of compiling [s]."""
-CHECKED = 200
+CHECKED = 1000
 """Periods with the simulated rig in which the compiled loop must answer as the one in Python."""
 
 

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.extensions.export.fmu.description import build_description
 from hybrid_sysid_ros.extensions.export.fmu.fmpy_check import RunningFmu, headers, validate
 from hybrid_sysid_ros.extensions.export.simulation.simulation import Simulation
 from hybrid_sysid_ros.extensions.export.unit.built import WARNINGS
-from hybrid_sysid_ros.extensions.export.unit.folder import export_loop, unit_name
+from hybrid_sysid_ros.extensions.export.unit.folder import RECORDED, export_loop, unit_name
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
 from hybrid_sysid_ros.extensions.export.unit.replay import recorded
 from hybrid_sysid_ros.models import Model
@@ -84,7 +84,6 @@ def export_controller(
     """
     check_file(out, suffix=".fmu", replace=overwrite)
     headers()
-    periods = STEPS // 10
     with TemporaryDirectory() as scratch:
         folder = Path(scratch) / "loop"
         done = export_loop(rig, model, folder, settings=settings, seal=seal, source=source, **more)
@@ -94,11 +93,11 @@ def export_controller(
         licences = {"documentation/licenses/DAQP.txt": (folder / "daqp" / "LICENSE").read_text(encoding="utf-8")}
         with written_file(Path(out)) as partial:
             by = _write(content, partial, more=licences)
-            questions, answers = recorded(rig, python, periods)
+            questions, answers = recorded(rig, python, RECORDED)
             with RunningFmu(partial) as fmu:
                 tolerance = TOLERANCE if python.supervisor is None else CONVERGED
                 difference = _compared_loop(fmu, content, questions, answers, tolerance)
-            return _export(content, by, difference, periods)
+            return _export(content, by, difference, RECORDED)
 
 
 def export_fmu(

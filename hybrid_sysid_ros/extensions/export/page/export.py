@@ -32,7 +32,7 @@ from hybrid_sysid_ros.support.files import check_file, write_text
 HERE = Path(__file__).parent
 TOLERANCE, CONVERGED = 1e-9, 1e-6
 """Largest difference from Python, in the variables' units, relative above 1; the second with a policy."""
-PERIODS, EVERY = 600, 100
+PERIODS, EVERY = 1000, 100
 """Periods that are compared, and how long a reference is held."""
 SEAL = 12
 """Digits of the model's seal that are shown."""
