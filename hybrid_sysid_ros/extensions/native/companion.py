@@ -31,7 +31,7 @@ class Native(Companion):
 
     def processes(self, session: Session, values: NodeValues) -> Mapping[str, SharedProcess]:
         if not {*NODES} <= values.keys():
-            raise UserError("--native and --composed both run estimator and controller: leave one of them out")
+            raise UserError("--native runs the estimator, which another option (--board) replaces: leave one out")
         rig, given = load(session.rig), {node: values.pop(node) for node in NODES}
         every = {node: settings(rig, node, own)[0] or {} for node, own in given.items()}
         binary = _build().native_loop(rig, every, tell=self.tell)

@@ -60,8 +60,8 @@ def export_robot(
         difference = compared(rig, model, joints, text)
         if difference > MOST:
             raise UserError(
-                f"export: a free run in MuJoCo differs by {difference:.0%} from that of the model, for what MJCF can't "
-                f"say ({' '.join(notes[1:])}); it would mislead: write an FMU"
+                f"export: a free run in MuJoCo differs by {difference:.0%} from that of the model; it would mislead: "
+                f"write an FMU. What MJCF can't say: {' '.join(notes[1:])}"
             )
     write_text(out, text)
     return RobotExport(joints=joints, remarks=notes, difference=difference)

@@ -44,8 +44,8 @@ def unsaid_in_urdf(joint: JointDynamics) -> list[str]:
         )
     if joint.input and (not joint.identified or abs(joint.offset) > ROUNDING):
         found.append(
-            f"The drive of joint {joint.name} has none: {joint.gain:.3g} per unit of {joint.input}, "
-            f"{joint.offset:+.3g} without any."
+            f"The drive of joint {joint.name} has no place in URDF: {joint.gain:.3g} per unit of {joint.input}, "
+            f"{joint.offset:+.3g} where that is 0."
         )
     return found
 

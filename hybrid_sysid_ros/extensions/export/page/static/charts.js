@@ -66,7 +66,7 @@ class Chart {
       pen.fillText(String(Number(value.toPrecision(6)) || 0), left - 6, y(value));
     }
     pen.textAlign = "center";
-    for (let time = Math.ceil(start / 2) * 2; time < start + WINDOW; time += 2) pen.fillText(`${time} s`, Math.max(x(time), left + 8), high - 8);
+    for (let time = Math.ceil(start / 2) * 2; time < start + WINDOW; time += 2) pen.fillText(`${time} s`, Math.min(Math.max(x(time), left + 8), wide - 14), high - 8);
     pen.setLineDash([6, 5]);
     pen.strokeStyle = colour("bound");
     for (const level of levels) stroke(pen, [[left, y(level)], [wide, y(level)]]);
