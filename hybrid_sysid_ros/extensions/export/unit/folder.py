@@ -260,9 +260,10 @@ def _compared(
         worst = max(parts, key=lambda name: parts[name])
         tolerance = tolerance_of(python, kind, single=single)
         if not parts[worst] <= tolerance:
+            less = f", or add --converged, which is held to {LOOSE:g}" if tolerance < parts[worst] <= LOOSE else ""
             raise UserError(
-                f"export: {worst} of the unit differs from Python's by {parts[worst]:.3g} in the {kind} loop, by more "
-                f"than {tolerance:g}; nothing is written: report this"
+                f"export: the unit is not as Python: {worst} {parts[worst]:.3g} apart in the {kind} loop, where "
+                f"{tolerance:g} is allowed; nothing is written: report this{less}"
             )
     return found
 
