@@ -44,8 +44,8 @@ SUFFIXES = {
 """Of each body's file."""
 WITH_POLICY = ("FMU of the controller", "native node", "page")
 """Bodies that the beam has with its policy, too."""
-REAL_TIME = {"real_time": True}
-SUPERVISED = {**REAL_TIME, "policy": "supervised"}
+REAL_TIME: dict[str, Any] = {"real_time": True}
+SUPERVISED: dict[str, Any] = {**REAL_TIME, "policy": "supervised"}
 
 
 def written(body: str, rig: Rig, model: Model, place: Path, given: dict[str, Any]) -> dict[str, Any]:
