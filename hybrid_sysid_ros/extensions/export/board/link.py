@@ -23,6 +23,8 @@ from hybrid_sysid_ros.support.errors import UserError
 SILENT_AFTER = 0.35
 """Time without a byte after which a board counts as silent [s]; its heart beats every .1 s."""
 PIECE = 4096
+TRIES = 4
+"""How often a question is sent at most, each time at once after a frame that was damaged, here or there."""
 TICK = 40
 """Instructions of a tick in the emulator."""
 
@@ -183,10 +185,12 @@ class BoardLink:
     def _numbers(self, content: bytes) -> Array:
         return np.frombuffer(content, dtype=self._real).astype(float)
 
-    def _send(self, kind: bytes, content: bytes) -> bytes:
+    def _send(self, kind: bytes, content: bytes) -> None:
         self._number = (self._number + 1) % (1 << 16)
-        number = struct.pack("<H", self._number)
-        waiting, end = memoryview(encode(kind + number + content)), monotonic() + SILENT_AFTER
+        self._write(encode(kind + struct.pack("<H", self._number) + content))
+
+    def _write(self, frame: bytes) -> None:
+        waiting, end = memoryview(frame), monotonic() + SILENT_AFTER
         while waiting:
             try:
                 waiting = waiting[os.write(self._line, waiting) :]
@@ -196,19 +200,28 @@ class BoardLink:
                 select.select([], [self._line], [], 0.01)
             except OSError as error:
                 raise BoardSilent from error
-        return number
 
     def _ask(self, kind: bytes, content: bytes, wanted: bytes, patience: float) -> bytes:
         """The answer to a question, without its head. Raises BoardSilent."""
         self.asked += 1
         with self._reading:
-            head, end = wanted + self._send(kind, content), monotonic() + patience
+            self._send(kind, content)
+            number = struct.pack("<H", self._number)
+            head, end, tries, damaged = wanted + number, monotonic() + patience, 1, self._damaged
             while True:
                 for answer in self._read(max(end - monotonic(), 0.0)):
                     if answer.startswith(head):
                         return answer[len(head) :]
                 if monotonic() > end:
                     raise BoardSilent
+                if self._damaged > damaged and tries < TRIES:
+                    tries, damaged = tries + 1, self._damaged
+                    self._write(encode(kind + number + content))
+
+    @property
+    def _damaged(self) -> int:
+        """Frames that came damaged here and there."""
+        return self.frames.wrong + self.board_wrong
 
     def _read(self, patience: float) -> list[bytes]:
         """Answers that came; heartbeats are noted."""

@@ -101,6 +101,24 @@ def test_a_damaged_answer_counts_as_none_and_the_last_command_stays(problem):
     assert driver.unanswered == 2
 
 
+@pytest.mark.parametrize("there", [False, True])
+def test_a_question_or_an_answer_that_was_damaged_once_is_sent_again_at_once(problem, there):
+    """Waiting would cost ten periods; a board tells by its heart that it has found a damaged frame."""
+    board = PretendedBoard()
+    driver = controller(board, problem)
+    driver.patience = 60.0
+    lost = iter([True])
+
+    def spoil(frame):
+        if not next(lost, False):
+            return frame
+        return encode(b"B\0\0" + struct.pack("<III", 1, 0, 1)) if there else frame[:5] + b"\0"
+
+    board.spoil = spoil
+    assert asked(driver)[0].known
+    assert (driver.unanswered, driver.link.frames.wrong, driver.link.board_wrong) == (0, not there, there)
+
+
 def test_a_board_that_died_is_named_and_begins_anew_when_it_comes_back(problem):
     board = PretendedBoard()
     driver = controller(board, problem)

@@ -19,7 +19,8 @@ enum { IDENTITY = 'I', ESTIMATE = 'E', COMMAND = 'C', HEARTBEAT = 'B' };
 static @{name}_memory loop;
 static frames_receiver receiver;
 static uint8_t content[FRAMES_LONGEST], coded[FRAMES_CODED];
-static int length;
+static int length, kept; /* bytes of the content, and of the last answer in coded */
+static int32_t last = -1; /* its number */
 static uint16_t number;
 static uint32_t answered, ticks; /* answers so far, and the time of a period's calls */
 static @{name}_command command;
@@ -39,7 +40,9 @@ static void begin(uint8_t kind)
 
 static void send(void)
 {
-    board_send(coded, frames_encode(content, length, coded));
+    kept = frames_encode(content, length, coded);
+    last = number;
+    board_send(coded, kept);
 }
 
 static void tell_identity(void)
@@ -56,12 +59,13 @@ static void tell_identity(void)
 static void tell_heartbeat(void)
 {
     const uint32_t alive = (uint32_t)(board_ticks() / (BOARD_FREQUENCY / 1000u)); /* ms */
+    static uint8_t beat[3 + 3 * sizeof alive + 4 + 2 + 1]; /* coded keeps the last answer */
 
     begin(HEARTBEAT);
     put(&alive, sizeof alive);
     put(&answered, sizeof answered);
     put(&receiver.wrong, sizeof receiver.wrong);
-    send();
+    board_send(beat, frames_encode(content, length, beat));
 }
 
 static const uint8_t *get(void *into, const uint8_t *from, size_t count)
@@ -120,7 +124,9 @@ static void take(int count)
     }
     memcpy(&number, receiver.content + 1, sizeof number);
     count -= 3;
-    if (kind == OBSERVE && count == observed) {
+    if (number == last && (kind == OBSERVE || kind == DECIDE)) { /* its answer was lost */
+        board_send(coded, kept);
+    } else if (kind == OBSERVE && count == observed) {
         observe(given);
         ticks += (uint32_t)(board_ticks() - start);
     } else if (kind == DECIDE && count == decided) {
@@ -134,6 +140,7 @@ static void take(int count)
     } else if (kind == RESET) {
         @{name}_reset(&loop);
         tell_identity();
+        last = -1; /* who asks may count anew */
     } else if (kind == HELLO) {
         tell_identity();
     }
@@ -152,10 +159,13 @@ int main(void)
         int byte = board_received();
 
         if (byte >= 0) {
+            const uint32_t wrong = receiver.wrong;
             const int count = frames_receive(&receiver, (uint8_t)byte);
 
             if (count >= 0) {
                 take(count);
+            } else if (receiver.wrong != wrong) { /* it may have been a question */
+                tell_heartbeat();
             }
         } else {
             if (board_ticks() >= next) {
