@@ -210,8 +210,8 @@ def _stage(
                 commands.append(arrival(clause))
                 continue
             if k == 0 and not commands:
-                more = any([symbol.value for symbol in other.verbs] != ["halt"] for other in found[1:])
-                why = "a stop ends a command: say the rest when it has stopped" if more else ""
+                follows = any([symbol.value for symbol in other.verbs] != ["halt"] for other in found[1:])
+                why = "a stop ends a command: say the rest when it has stopped" if follows else ""
                 return Sentence(text=text, commands=(), stops=True, why=why)
             if k < len(found) - 1:
                 raise UserError("'stop' works at once: let it stand alone, or at the end")
