@@ -27,7 +27,7 @@ class Compiled:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._jacobians: dict[tuple[bool, bool, bool], tuple[int, JacobianColumns]] = {}
+        self._jacobians: dict[tuple[bool, ...], tuple[int, JacobianColumns]] = {}
 
     @cached_property
     def step(self) -> int:
@@ -45,17 +45,19 @@ class Compiled:
         return self._address(source_of(self._system, output=True))
 
     def jacobian(
-        self, *, output: bool = False, smooth: bool = False, learn: bool = False
+        self, *, output: bool = False, smooth: bool = False, learn: bool = False, through: bool = False
     ) -> tuple[int, JacobianColumns]:
         """Address of the step or the output map with its Jacobian by states and inputs, and the Jacobian's columns.
 
-        learn: also by parameters and weights, for fits. smooth: the corners of stick-slip are rounded.
+        learn: also by parameters and weights, for fits. smooth: the corners of stick-slip are rounded. through: a step
+        is given derivatives of [x; u] by anything, by default with as many columns, padded
+        (:func:`~.chain_rule.padded`), and replaces those of x by those of its end.
         """
-        key = (output, smooth, learn)
+        key = (output, smooth, learn, through)
         if key not in self._jacobians:
             columns = jacobian_columns(self._system, learn=learn)
-            address = self._address(source_of(self._system, columns, output=output, smooth=smooth))
-            self._jacobians[key] = address, columns
+            source = source_of(self._system, columns, output=output, smooth=smooth, through=through)
+            self._jacobians[key] = self._address(source), columns
         return self._jacobians[key]
 
     def _address(self, source: str) -> int:

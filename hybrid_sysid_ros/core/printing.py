@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import casadi
 
 from hybrid_sysid_ros.core import call as call_module
-from hybrid_sysid_ros.core import trace
+from hybrid_sysid_ros.core import chain_rule, trace
 from hybrid_sysid_ros.core.blocks import BlockCall
 from hybrid_sysid_ros.core.compilation import digest
 from hybrid_sysid_ros.core.system import System
@@ -25,7 +25,7 @@ PRELUDE = '''"""Printed from {name}, linked with sources of digest {digest}; mad
 import math
 
 from hybrid_sysid_ros.core.call import JACOBIAN, VALUE, compiled, inner
-from hybrid_sysid_ros.core.registers import scratch, select
+from hybrid_sysid_ros.core.registers import load_numbers, plus_scaled, scratch, select, store, zero
 '''
 
 _FUNCTIONS = (
@@ -93,9 +93,15 @@ def jacobian_columns(system: System, *, learn: bool) -> JacobianColumns:
 
 
 def source_of(
-    system: System, columns: JacobianColumns | None = None, *, output: bool = False, smooth: bool = False
+    system: System,
+    columns: JacobianColumns | None = None,
+    *,
+    output: bool = False,
+    smooth: bool = False,
+    through: bool = False,
 ) -> str:
     """Source of the module whose ``function`` is the step or the output map, with its Jacobian by ``columns`` if given.
+    through: a step goes on from derivatives of [x; u] that it is given, by the chain rule.
 
     Raises UserError for a law that can't be traced or compiled.
     """
@@ -105,15 +111,31 @@ def source_of(
     else:
         trace_of = trace.law_of if staged else trace.step_of
         traced = trace_of(system, smooth=smooth)
+    jacobian = None if columns is None else casadi.sparsify(_jacobian(traced, columns))
     signature, more = ("VALUE", "") if columns is None else ("JACOBIAN", ", jacobian")
-    decorator, name = ("@inner", "law") if staged else (f"@compiled({signature})", "function")
-    lines = [decorator, f"def {name}(x, u, p, w, h, s, out{more}):"]
-    lines += [f"    {line}" for line in _body(traced, columns)]
+    inside = "law" if staged else "step" if through else ""
+    lines = ["@inner" if inside else f"@compiled({signature})"]
+    lines += [f"def {inside or 'function'}(x, u, p, w, h, s, out{more}):"]
+    lines += [f"    {line}" for line in _body(traced, columns, jacobian)]
     parts = [_head(system, traced.calls), "\n".join(lines)]
+    slopes = None if columns is None or jacobian is None else _slopes(columns, jacobian)
     if staged:
-        count = None if columns is None else columns.count
-        parts.append(system.stepper.around(len(system.states), count))
+        parts.append(system.stepper.around(len(system.states), slopes))
+    elif slopes and through:
+        parts.append(slopes.around_step())
+    if slopes and inside:
+        parts.append(slopes.around(through))
     return "\n\n\n".join(part.rstrip() for part in parts) + "\n"
+
+
+def _slopes(columns: JacobianColumns, jacobian: casadi.SX) -> chain_rule.Slopes:
+    """The Jacobian of a law or a step. Columns by parameters and weights are many, and stand alone."""
+    return chain_rule.Slopes(
+        rows=columns.states,
+        columns=columns.count,
+        seeds=columns.states if columns.parameters or columns.weights else columns.count,
+        filled=set(zip(*jacobian.sparsity().get_triplet(), strict=True)),
+    )
 
 
 def _head(system: System, calls: Sequence[BlockCall]) -> str:
@@ -156,7 +178,7 @@ class _Part:
         yield from (_Line("", line) for line in self.after)
 
 
-def _body(traced: Trace, columns: JacobianColumns | None) -> Iterator[str]:
+def _body(traced: Trace, columns: JacobianColumns | None, jacobian: casadi.SX | None) -> Iterator[str]:
     calls, kinds = traced.calls, _kinds(traced.calls)
     known = [("x", traced.x), ("u", traced.u), ("p", traced.p), ("h", traced.h), ("s", traced.s)]
     parts: list[_Part] = []
@@ -172,19 +194,18 @@ def _body(traced: Trace, columns: JacobianColumns | None) -> Iterator[str]:
             made = f"jacobian_{which}(w, {block.at}, {z}, {y}, {g})"
         parts.append(_Part(z, call.features, (made,)))
     parts.append(_Part("out", traced.result))
-    if columns is not None:
+    if columns is not None and jacobian is not None:
         width = columns.count
         yield f"for i in range({traced.result.numel() * width}):"
         yield "    jacobian[i] = 0.0"
-        by_call = [casadi.jacobian(traced.result, call.outputs) for call in calls]
-        parts.append(_Part(f"jacobian:{width}", casadi.sparsify(_jacobian(traced, columns, by_call))))
+        parts.append(_Part(f"jacobian:{width}", jacobian))
         if columns.weights:
             yield from (f"f{number} = scratch({call.block.outputs})" for number, call in enumerate(calls))
-            parts += _by_weights(traced, columns, by_call)
+            parts += _by_weights(traced, columns)
     yield from _assigned(known, parts)
 
 
-def _jacobian(traced: Trace, columns: JacobianColumns, by_call: Sequence[casadi.SX]) -> casadi.SX:
+def _jacobian(traced: Trace, columns: JacobianColumns) -> casadi.SX:
     """Derivatives of the result by states, inputs and parameters, by the chain rule over the calls."""
     seed = casadi.vertcat(traced.x, traced.u, traced.p[list(columns.parameters)])
     through: list[casadi.SX] = []  # derivatives of each call's outputs by the seed
@@ -195,15 +216,20 @@ def _jacobian(traced: Trace, columns: JacobianColumns, by_call: Sequence[casadi.
         through.append(casadi.mtimes(call.jacobian, total))
     either = (casadi.jacobian(traced.result, seed, {"helper_options": {"ad_weight": way}}) for way in (0.0, 1.0))
     jacobian = min(either, key=casadi.n_nodes)  # forward or backward, whichever is shorter
-    for direct, slope in zip(by_call, through, strict=True):
+    for direct, slope in zip(_by_calls(traced), through, strict=True):
         jacobian += casadi.mtimes(direct, slope)
     return jacobian
 
 
-def _by_weights(traced: Trace, columns: JacobianColumns, by_call: Sequence[casadi.SX]) -> Iterator[_Part]:
+def _by_calls(traced: Trace) -> list[casadi.SX]:
+    """Derivatives of the result by the outputs of each call."""
+    return [casadi.jacobian(traced.result, call.outputs) for call in traced.calls]
+
+
+def _by_weights(traced: Trace, columns: JacobianColumns) -> Iterator[_Part]:
     """Derivatives by the weights of each call, by the chain rule over the call's outputs."""
     calls, kinds = traced.calls, _kinds(traced.calls)
-    total = list(by_call)
+    total = _by_calls(traced)
     for later in range(len(calls) - 1, -1, -1):  # later calls may read the outputs of a call
         for number in range(later):
             through = casadi.mtimes(

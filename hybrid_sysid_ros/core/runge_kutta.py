@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hybrid_sysid_ros.core.chain_rule import Slopes
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.steppers import StepContext, Stepper
 
@@ -25,50 +26,42 @@ def function(x, u, p, w, h, s, out):
         out[i] = x[i] + h / 6.0 * total[i]
 """
 
-_JACOBIAN = """@compiled(JACOBIAN)
-def function(x, u, p, w, h, s, out, jacobian):
-    k, z, total = scratch(STATES), scratch(STATES), scratch(STATES)
-    by_k, by_z = scratch(ALL), scratch(ALL)
-    for i in range(STATES):
+_JACOBIAN = """@inner
+def derive(x, u, p, w, h, s, out, by):
+    k, z, total = scratch(ROWS), scratch(ROWS), scratch(ROWS)
+    by_k, by_z, summed = scratch(ROWS * COLUMNS), scratch(SEEDS * WIDTH), scratch(ROWS * WIDTH)
+    for i in range(ROWS):
         z[i] = x[i]
         total[i] = 0.0
-    for i in range(ALL):
-        by_z[i] = 0.0
-        jacobian[i] = 0.0
-    for i in range(STATES):
-        by_z[i * COLUMNS + i] = 1.0
+    for i in range(SEEDS * WIDTH):
+        by_z[i] = by[i]
+    for i in range(ROWS * WIDTH):
+        summed[i] = 0.0
     for stage in range(4):
         law(z, u, p, w, h, s, k, by_k)
-        for i in range(STATES):
-            own = scratch(STATES)
-            for l in range(STATES):
-                own[l] = by_k[i * COLUMNS + l]
-                by_k[i * COLUMNS + l] = 0.0
-            for l in range(STATES):
-                slope = own[l]
-                for j in range(PASSED):
-                    by_k[i * COLUMNS + j] += slope * by_z[l * COLUMNS + j]
         weight = 1.0 if stage == 0 or stage == 3 else 2.0
         ahead = h if stage == 2 else 0.5 * h
-        for i in range(STATES):
+        for i in range(ROWS):
             total[i] += weight * k[i]
             z[i] = x[i] + ahead * k[i]
-        for i in range(ALL):
-            jacobian[i] += weight * by_k[i]
-            by_z[i] = ahead * by_k[i]
-        for i in range(STATES):
-            by_z[i * COLUMNS + i] += 1.0
-    for i in range(STATES):
+        multiply(by_k, by, weight, ahead, by_z, summed)
+    for i in range(ROWS):
         out[i] = x[i] + h / 6.0 * total[i]
-    for i in range(ALL):
-        jacobian[i] *= h / 6.0
-    for i in range(STATES):
-        jacobian[i * COLUMNS + i] += 1.0
+    for i in range(ROWS * WIDTH):
+        by[i] += h / 6.0 * summed[i]
 """
 
+_MULTIPLY = """@inner
+def multiply(by_k, by, weight, ahead, by_z, summed):
+    for j in range(0, WIDTH, LANES):
+        PRODUCTS
+"""
 
-MANY = 8
-"""States from which on zeros of a law's derivative are passed over: with fewer, looking for them takes longer."""
+_ADDED = """    for i in range(ROWS):
+        for j in range(SEEDS, COLUMNS):
+            summed[i * WIDTH + j] += weight * by_k[i * COLUMNS + j]
+            by_z[i * WIDTH + j] += ahead * by_k[i * COLUMNS + j]
+"""
 
 
 @dataclass(frozen=True)
@@ -92,10 +85,14 @@ class RungeKutta(Stepper):
         k4 = context.rates(moved(k3, 1.0), u)
         return moved([(a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)], 1.0)
 
-    def around(self, states: int, columns: int | None) -> str:
+    def around(self, states: int, slopes: Slopes | None) -> str:
         """Source around the law. With a Jacobian, each stage has its derivative: dk = law_z dz + law_p."""
-        n = str(states)
-        if columns is None:
-            return _VALUE.replace("STATES", n)
-        passed = _JACOBIAN.replace("PASSED", "COLUMNS if slope != 0.0 else 0" if states >= MANY else "COLUMNS")
-        return passed.replace("STATES", n).replace("COLUMNS", str(columns)).replace("ALL", str(states * columns))
+        if slopes is None:
+            return _VALUE.replace("STATES", str(states))
+        use = (
+            "store(summed, {0}, plus_scaled(load_numbers(summed, {0}, LANES), c, weight))\n"
+            "store(by_z, {0}, plus_scaled(load_numbers(by, {0}, LANES), c, ahead))"
+        ).format
+        product = _MULTIPLY.replace("PRODUCTS", slopes.products("by_k", "by_z", use))
+        product += _ADDED if slopes.columns > slopes.seeds else ""
+        return slopes.sized(f"{product}\n\n{_JACOBIAN}")

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from hybrid_sysid_ros.core.chain_rule import Slopes
 from hybrid_sysid_ros.core.friction import Contact, Field
 from hybrid_sysid_ros.core.mathematics import Scalar
 
@@ -46,9 +47,10 @@ class Stepper(ABC):
         None: it is exact.
         """
 
-    def around(self, states: int, columns: int | None) -> str:
-        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or ``law(x, u, p, w, h, s, out,
-        jacobian)`` where the Jacobian has ``columns``; see :mod:`~hybrid_sysid_ros.core.printing`.
+    def around(self, states: int, slopes: Slopes | None) -> str:
+        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or with the Jacobian of the law of
+        ``derive(x, u, p, w, h, s, out, by)``, which calls ``law(x, u, p, w, h, s, out, jacobian)``; see
+        :mod:`~hybrid_sysid_ros.core.printing`.
         """
         raise NotImplementedError
 

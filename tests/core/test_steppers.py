@@ -4,11 +4,15 @@ from dataclasses import dataclass
 
 import casadi
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from hybrid_sysid_ros.core import Recurrence, RungeKutta, System, bounded, one_step, simulate, step_with_jacobian
+from hybrid_sysid_ros.core.chain_rule import padded
+from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.mathematics import cos, sin
+from hybrid_sysid_ros.core.rollout import _step_with_jacobian
 from tests.evaluation import parametric_step
 from tests.one_joint import Linear
 
@@ -88,6 +92,20 @@ def test_the_slopes_of_a_runge_kutta_step_are_casadis():
         np.testing.assert_allclose(
             jacobian(system, state, drive, h), np.array(expected(state, drive, system.values)), rtol=1e-11, atol=1e-14
         )
+
+
+@pytest.mark.parametrize(
+    "system", [CartPendulum(), Linear(gain=5.0, centre=0.7, stiffness=30.0, damping=4.0, input_delay=0.0)]
+)
+def test_derivatives_go_on_from_step_to_step_by_the_chain_rule(system):
+    h, x, u = 0.05, np.array([0.4, -0.7]), np.array([0.3])
+    function, _ = compiled(system).jacobian(through=True)
+    found, expected, following = np.eye(3, padded(3)), np.eye(3), np.empty(2)
+    for _ in range(3):
+        expected[:2] = step_with_jacobian(system, x, u, step=h)[1] @ expected
+        _step_with_jacobian(function, x, u, system.values, system.weights, h, 0.0, following, found)
+        x = following.copy()
+    np.testing.assert_allclose(found[:, :3], expected, rtol=1e-13, atol=1e-15)
 
 
 def jacobian(system, x, u, h):

@@ -63,7 +63,7 @@ def add_forms(horizon: Horizon, program: Program, begins: bool, ends: bool) -> N
     linear, work = horizon.linear, horizon.work
     (count, n), m, v = linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
     hessian, response, moves = pointer(program.hessian), pointer(linear.response), horizon.limits.moves
-    form, slopes, ahead = pointer(work.form), pointer(work.total), pointer(work.moved)
+    form, slopes, ahead = pointer(work.form), pointer(work.total), pointer(work.ahead)
     by_state, by_input = pointer(linear.A), pointer(linear.B)
     begin, end = pointer(horizon.lagrangian.curvature), pointer(horizon.lagrangian.bend)
     width = n + m

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System, compiled
+from hybrid_sysid_ros.core.chain_rule import padded
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array, aligned
@@ -62,7 +63,7 @@ class PredictionModel(Shared):
     smooth_step: int
     """Address of one where stick-slip is rounded by the smoothing."""
     step_jacobian: int
-    """Address of such a step with derivatives (:data:`~.call.JACOBIAN`)."""
+    """Address of such a step with derivatives (:data:`~.call.JACOBIAN`), goes on from those of its state, see :meth:`~hybrid_sysid_ros.core.compiled.Compiled.jacobian`."""
     output: int
     """Address of the values of a stage: the outputs, and the terms behind them."""
     output_jacobian: int
@@ -178,11 +179,9 @@ class Work(Shared):
     """Scratch memory of the linearisation of one interval, and of condensing."""
 
     total: Array
-    """(n, n + m), [A, B] up to a step of the interval."""
-    moved: Array
-    """(n, n + m), [A, B] one step later."""
-    derivatives: Array
-    """(n, n + m), of one step."""
+    """[A, B] up to a step of the interval, and below [0, I], (n + m, padded)."""
+    ahead: Array
+    """(n, n + m), of all that follows on an interval's end, by its beginning."""
     form: Array
     """(n + m, n + m), of all that follows on an interval's beginning."""
     slopes: Array
@@ -245,7 +244,7 @@ def prediction(system: System, problem: ControlProblem) -> PredictionModel:
     return PredictionModel(
         step=functions.step,
         smooth_step=functions.smooth_step if problem.smoothing > 0.0 else functions.step,
-        step_jacobian=functions.jacobian(smooth=problem.smoothing > 0.0)[0],
+        step_jacobian=functions.jacobian(smooth=problem.smoothing > 0.0, through=True)[0],
         output=values.output,
         output_jacobian=values.jacobian(output=True)[0],
         curvature=compiled(problem.outputs_of(system, curvature=True)).output if problem.terms else 0,
@@ -313,7 +312,7 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
         ),
         progress=np.zeros(1, PROGRESS),
         work=Work(
-            **_zeros(total=(n, n + m), moved=(n, n + m), derivatives=(n, n + m), form=(n + m, n + m)),
+            **_zeros(total=(n + m, padded(n + m)), ahead=(n, n + m), form=(n + m, n + m)),
             **_zeros(slopes=(r, n + arguments), state=(n,), drive=(arguments + r,), following=(n,)),
         ),
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
-from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
+from hybrid_sysid_ros.core.call import call_jacobian, call_value
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -121,33 +121,17 @@ def set_stage(prediction: PredictionModel, i: int, disturbance: Array, drive: Ar
 
 @inner
 def end_of_interval(prediction: PredictionModel, horizon: Horizon, smoothing: float, following: Array) -> Array:
-    """Write the end of an interval to ``following`` (n,); return its [A, B] (n, n + m)."""
-    n, m = horizon.linear.B.shape[1:]
-    work = horizon.work
-    total, moved, jacobian, x, drive = work.total, work.moved, work.derivatives, work.state, work.drive
+    """Write the end of an interval to ``following`` (n,); return its [A, B], the first part of (n + m, padded)."""
+    total, x, drive = horizon.work.total, horizon.work.state, horizon.work.drive
     address, p, w, h = prediction.step_jacobian, prediction.parameters, prediction.network, prediction.h
-    call_jacobian(address, x, drive, p, w, h, smoothing, following, total)
-    for _ in range(prediction.substeps - 1):
-        for a in range(n):
-            x[a] = following[a]
-        call_jacobian(address, x, drive, p, w, h, smoothing, following, jacobian)
-        _chain(jacobian, total, moved, n, m)
-        total, moved = moved, total
+    for a in range(total.shape[0]):
+        for c in range(total.shape[1]):
+            total[a, c] = 1.0 if a == c else 0.0
+    for step in range(prediction.substeps):
+        if step > 0:
+            assign(x, following)
+        call_jacobian(address, x, drive, p, w, h, smoothing, following, total)
     return total
-
-
-@inner
-def _chain(jacobian: Array, total: Array, moved: Array, n: int, m: int) -> None:
-    """The chain rule over a step: moved = jacobian_x total + [0, jacobian_u], all (n, n + m)."""
-    width = n + m
-    f, t, o = pointer(jacobian), pointer(total), pointer(moved)
-    for a in range(n):
-        for c in range(width):
-            o[a * width + c] = f[a * width + c] if c >= n else 0.0
-        for b in range(n):
-            slope = f[a * width + b]
-            for c in range(width):
-                o[a * width + c] += slope * t[b * width + c]
 
 
 @inner
