@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from hybrid_sysid_ros.control.mpc.forms import condense_hessian
+from hybrid_sysid_ros.control.mpc.forms import condense_hessian, multiply
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.stage_cost import stage_cost
 from hybrid_sysid_ros.core.call import pointer
+from hybrid_sysid_ros.core.chain_rule import padded
 from hybrid_sysid_ros.core.compilation import inner
 
 NO_BOUND = 1e30
@@ -50,23 +51,16 @@ def condense_rows(horizon: Horizon, program: Program) -> None:
 def _propagate(horizon: Horizon, i: int) -> None:
     """Compute the input response of an interval from that of the previous one."""
     linear = horizon.linear
-    n, m, v = linear.A.shape[1], linear.B.shape[2], linear.response.shape[2]
-    response, at = pointer(linear.response), horizon.limits.moves[i] * m
+    n, m, reach = linear.A.shape[1], linear.B.shape[2], linear.response.shape[2]
+    own, at = pointer(linear.response[i]), horizon.limits.moves[i] * m
     before = (horizon.limits.moves[i - 1] + 1) * m if i > 0 else 0
+    if i > 0:
+        multiply(pointer(linear.A[i]), n, 1, n, n, pointer(linear.response[i - 1]), own, reach, padded(before))
     for a in range(n):
-        to = (i * n + a) * v
-        for b in range(n):
-            slope, first = linear.A[i, a, b], ((i - 1) * n + b) * v
-            if b == 0:
-                for c in range(before):
-                    response[to + c] = slope * response[first + c]
-            else:
-                for c in range(before):
-                    response[to + c] += slope * response[first + c]
         for c in range(before, at + m):
-            response[to + c] = 0.0
+            own[a * reach + c] = 0.0
         for j in range(m):
-            response[to + at + j] += linear.B[i, a, j]
+            own[a * reach + at + j] += linear.B[i, a, j]
 
 
 @inner
@@ -238,13 +232,16 @@ def factor(horizon: Horizon, program: Program, instance: Instance, i: int, k: in
 @inner
 def residual(program: Program) -> float:
     """The KKT residual with the last multipliers: the largest entry of the Lagrangian's gradient."""
-    v = program.gradient.shape[0]
-    largest = 0.0
+    v, rows = program.gradient.shape[0], pointer(program.rows)
+    total, largest = np.empty(v), 0.0
     for c in range(v):
-        total = program.gradient[c] + program.multipliers[c]
-        for r in range(program.rows.shape[0]):
-            total += program.rows[r, c] * program.multipliers[v + r]
-        largest = max(largest, abs(total))
+        total[c] = program.gradient[c] + program.multipliers[c]
+    for r in range(program.rows.shape[0]):
+        multiplier = program.multipliers[v + r]
+        for c in range(v if multiplier != 0.0 else 0):
+            total[c] += rows[r * v + c] * multiplier
+    for c in range(v):
+        largest = max(largest, abs(total[c]))
     return largest
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from hybrid_sysid_ros.control.mpc.horizon import Horizon
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.core.call import pointer
+from hybrid_sysid_ros.core.chain_rule import LANES
 from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.registers import load_numbers, plus_scaled, store, zero
 
 LEAST_CURVATURE = 1e-9
 """Share of the Hessian's largest entry, added to its diagonal in case inputs have no weight."""
@@ -66,51 +70,71 @@ def add_forms(horizon: Horizon, program: Program, begins: bool, ends: bool) -> N
     form, slopes, ahead = pointer(work.form), pointer(work.total), pointer(work.ahead)
     by_state, by_input = pointer(linear.A), pointer(linear.B)
     begin, end = pointer(horizon.lagrangian.curvature), pointer(horizon.lagrangian.bend)
-    width = n + m
-    for c in range(width * width):
+    width, stride, reach = n + m, work.form.shape[1], linear.response.shape[2]
+    for c in range(width * stride):
         form[c] = 0.0
     for i in range(count - 1, -1, -1):
         own = i * width * width
         for a in range(n):
             for c in range(n):
-                slopes[a * width + c] = by_state[(i * n + a) * n + c]
+                slopes[a * stride + c] = by_state[(i * n + a) * n + c]
                 if ends:
-                    form[a * width + c] += end[own + a * width + c]
+                    form[a * stride + c] += end[own + a * width + c]
             for c in range(m):
-                slopes[a * width + n + c] = by_input[(i * n + a) * m + c]
-        for a in range(n):
+                slopes[a * stride + n + c] = by_input[(i * n + a) * m + c]
+        multiply(form, stride, 1, n, n, slopes, ahead, stride, stride)
+        multiply(slopes, 1, stride, width, n, ahead, form, stride, stride)
+        for r in range(width if begins else 0):
             for c in range(width):
-                ahead[a * width + c] = 0.0
-            for b in range(n):
-                factor = form[a * width + b]
-                for c in range(width):
-                    ahead[a * width + c] += factor * slopes[b * width + c]
-        for r in range(width):
-            for c in range(width):
-                form[r * width + c] = begin[own + r * width + c] if begins else 0.0
-            for a in range(n):
-                factor = slopes[a * width + r]
-                for c in range(width):
-                    form[r * width + c] += factor * ahead[a * width + c]
+                form[r * stride + c] += begin[own + r * width + c]
         for r in range(n, width if ends else n):
-            for c in range(width):
-                total = end[own + r * width + c] if c >= n else 0.0
-                for a in range(n):
-                    total += end[own + r * width + a] * slopes[a * width + c]
+            for c in range(n, width):
+                form[r * stride + c] += end[own + r * width + c]
+            for a in range(n):
+                factor = end[own + r * width + a]
+                for c in range(width if factor != 0.0 else 0):
+                    form[r * stride + c] += factor * slopes[a * stride + c]
                     if c >= n:
-                        total += end[own + c * width + a] * slopes[a * width + r]
-                form[r * width + c] += total
+                        form[c * stride + r] += factor * slopes[a * stride + c]
         at, before = moves[i] * m, (moves[i - 1] + 1) * m if i > 0 else 0
         for j in range(m):
-            to, row = (at + j) * v, (n + j) * width
+            to, row = (at + j) * v, (n + j) * stride
             for a in range(n):
-                slope, first = form[row + a], ((i - 1) * n + a) * v
+                slope, first = form[row + a], ((i - 1) * n + a) * reach
                 for c in range(min(before, at + j + 1)):
                     hessian[to + c] += slope * response[first + c]
             for k in range(j + 1):
                 hessian[to + at + k] += form[row + n + k]
                 for a in range(n if before > at else 0):  # inputs that are held are in the state, too
-                    hessian[to + at + k] += form[(n + k) * width + a] * response[((i - 1) * n + a) * v + at + j]
+                    hessian[to + at + k] += form[(n + k) * stride + a] * response[((i - 1) * n + a) * reach + at + j]
+
+
+@inner
+def multiply(
+    factors: Any, row: int, column: int, rows: int, count: int, by: Any, out: Any, stride: int, columns: int
+) -> None:
+    """Compute the first columns, a multiple of LANES, of out = F by. F_rk = factors[r row + k column], (rows, count).
+    Rows of ``by`` and ``out`` are a ``stride`` apart.
+    """
+    whole = rows - rows % 4
+    for j in range(0, columns, LANES):
+        for r in range(0, whole, 4):
+            a, b, c, d = zero(LANES), zero(LANES), zero(LANES), zero(LANES)
+            for k in range(count):
+                at, part = r * row + k * column, load_numbers(by, k * stride + j, LANES)
+                a = plus_scaled(a, part, factors[at])
+                b = plus_scaled(b, part, factors[at + row])
+                c = plus_scaled(c, part, factors[at + 2 * row])
+                d = plus_scaled(d, part, factors[at + 3 * row])
+            store(out, r * stride + j, a)
+            store(out, (r + 1) * stride + j, b)
+            store(out, (r + 2) * stride + j, c)
+            store(out, (r + 3) * stride + j, d)
+        for r in range(whole, rows):
+            a = zero(LANES)
+            for k in range(count):
+                a = plus_scaled(a, load_numbers(by, k * stride + j, LANES), factors[r * row + k * column])
+            store(out, r * stride + j, a)
 
 
 @inner

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.stage_cost import StageWeights
-from hybrid_sysid_ros.core import System, compiled
+from hybrid_sysid_ros.core import System, compiled, trace
 from hybrid_sysid_ros.core.chain_rule import padded
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
@@ -63,14 +63,18 @@ class PredictionModel(Shared):
     smooth_step: int
     """Address of one where stick-slip is rounded by the smoothing."""
     step_jacobian: int
-    """Address of such a step with derivatives (:data:`~.call.JACOBIAN`), goes on from those of its state, see :meth:`~hybrid_sysid_ros.core.compiled.Compiled.jacobian`."""
+    """Address of such a step with derivatives (:data:`~.call.JACOBIAN`), which goes on from those of its state, see
+    :meth:`~hybrid_sysid_ros.core.compiled.Compiled.jacobian`.
+    """
     output: int
     """Address of the values of a stage: the outputs, and the terms behind them."""
     output_jacobian: int
     curvature: int
     """Address of the second derivatives of a sum of these (:class:`~hybrid_sysid_ros.core.stage_values.StageValues`); 0
-    where there are no terms.
+    where there are no terms, or all are zero.
     """
+    staged: int
+    """Whether there are terms: the values' arguments then are those of :func:`~.linearisation.set_stage`."""
     stage: Array
     """Parameters of each stage, (N, q); empty where there are no terms."""
     parameters: Array
@@ -141,7 +145,7 @@ class HorizonLinearisation(Shared):
     D: Array
     """Derivative of the values by the inputs of the interval, (N, r, m)."""
     response: Array
-    """Derivative of the states at the end of each interval by all inputs, (N, n, v)."""
+    """Derivative of the states at the end of each interval by all inputs, (N, n, padded v)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,9 +185,9 @@ class Work(Shared):
     total: Array
     """[A, B] up to a step of the interval, and below [0, I], (n + m, padded)."""
     ahead: Array
-    """(n, n + m), of all that follows on an interval's end, by its beginning."""
+    """(n, padded), of all that follows on an interval's end, by its beginning."""
     form: Array
-    """(n + m, n + m), of all that follows on an interval's beginning."""
+    """(n + m, padded), of all that follows on an interval's beginning."""
     slopes: Array
     """(r, n + arguments), of the values."""
     state: Array
@@ -241,13 +245,15 @@ class Horizon(Shared):
 def prediction(system: System, problem: ControlProblem) -> PredictionModel:
     """The model of a problem, compiled once for each form of system (some seconds) and cached on disk."""
     functions, values = compiled(system), compiled(problem.outputs_of(system))
+    bending = problem.outputs_of(system, curvature=True)
     return PredictionModel(
         step=functions.step,
         smooth_step=functions.smooth_step if problem.smoothing > 0.0 else functions.step,
         step_jacobian=functions.jacobian(smooth=problem.smoothing > 0.0, through=True)[0],
         output=values.output,
         output_jacobian=values.jacobian(output=True)[0],
-        curvature=compiled(problem.outputs_of(system, curvature=True)).output if problem.terms else 0,
+        curvature=compiled(bending).output if problem.terms and not trace.output_of(bending).result.is_zero() else 0,
+        staged=int(bool(problem.terms)),
         stage=problem.stage_values if problem.terms else np.zeros((problem.horizon, 0)),
         parameters=system.values,
         network=aligned(np.asarray(system.weights, dtype=float)),
@@ -302,7 +308,9 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
         ),
         linear=HorizonLinearisation(
             **_zeros(reached=(count, n), outputs=(count, r)),
-            **_zeros(A=(count, n, n), B=(count, n, m), C=(count, r, n), D=(count, r, m), response=(count, n, v)),
+            **_zeros(
+                A=(count, n, n), B=(count, n, m), C=(count, r, n), D=(count, r, m), response=(count, n, padded(v))
+            ),
         ),
         step=SolutionStep(**_zeros(**path)),
         lagrangian=Lagrangian(
@@ -312,7 +320,7 @@ def new_horizon(system: System, problem: ControlProblem) -> Horizon:
         ),
         progress=np.zeros(1, PROGRESS),
         work=Work(
-            **_zeros(total=(n + m, padded(n + m)), ahead=(n, n + m), form=(n + m, n + m)),
+            **_zeros(total=(n + m, padded(n + m)), ahead=(n, padded(n + m)), form=(n + m, padded(n + m))),
             **_zeros(slopes=(r, n + arguments), state=(n,), drive=(arguments + r,), following=(n,)),
         ),
     )

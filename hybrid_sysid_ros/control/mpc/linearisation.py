@@ -42,7 +42,7 @@ def follow(
     of a state from its bounds.
     """
     n, m = instance.state.shape[0], inputs.shape[1]
-    values, staged = weights.outputs.shape[1], prediction.curvature != 0
+    values, staged = weights.outputs.shape[1], prediction.staged != 0
     drive, x, following = np.empty(2 * m + prediction.stage.shape[1]), np.empty(n), np.empty(n)
     y = np.empty(values)
     cost = largest = 0.0
@@ -74,7 +74,7 @@ def simulate(prediction: PredictionModel, horizon: Horizon) -> None:
             call_value(prediction.smooth_step, x, drive, p, w, h, prediction.smoothing, following)
             assign(x, following)
         assign(horizon.states[i + 1], x)
-        if prediction.curvature != 0:
+        if prediction.staged != 0:
             set_stage(prediction, i, horizon.disturbance, drive)
         call_value(prediction.output, x, drive, p, w, h, 0.0, horizon.linear.outputs[i])
 
@@ -139,7 +139,7 @@ def _evaluate(prediction: PredictionModel, horizon: Horizon, i: int) -> None:
     """Compute the values of stage i, which begins with :func:`set_out`, and C and D."""
     n, m = horizon.linear.B.shape[1:]
     jacobian, drive = horizon.work.slopes, horizon.work.drive
-    if prediction.curvature != 0:
+    if prediction.staged != 0:
         set_stage(prediction, i, horizon.disturbance, drive)
     call_jacobian(
         prediction.output_jacobian, horizon.states[i + 1], drive, prediction.parameters, prediction.network,

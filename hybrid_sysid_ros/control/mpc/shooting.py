@@ -63,7 +63,7 @@ def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
     rows = np.concatenate([limits.rate_rows, limits.state_rows, limits.value_rows])
     of_row = np.nonzero(rows >= 0)[0]
     program, memory = quadratic.quadratic_program(
-        horizon.linear.response.shape[2],
+        int(limits.moves[-1] + 1) * m,
         len(of_row),
         soft_rows=soft[of_row],
         soft_linear=np.concatenate(linear)[of_row],
