@@ -11,7 +11,6 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Command,
     Condition,
     Home,
-    Move,
     Repeat,
     Sentence,
     Swing,
@@ -30,7 +29,9 @@ from hybrid_sysid_ros.extensions.commander.language.joining import (
     has_moved,
     held_each,
     joined,
+    only_by,
     repeated,
+    same_way,
     stands_alone,
 )
 from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
@@ -160,11 +161,12 @@ def _stage(
             clause.verbs += [
                 verb for verb in carried(commands, found[:k]) if verb.value != "hold" or not clause.directions
             ]
-        if not clause.verbs and [way.kind for way in clause.directions] == ["+"]:
-            clause.directions = _same_way(clause.directions[0], commands)  # "down 1 m, then another metre"
-        if clause.then and _only_by(clause):
-            more = Symbol("+", 1.0, clause.quantities[0].text)  # "down by 1 m, then by 2 m"
-            clause.directions = [way for way in _same_way(more, commands) if way != more]
+        if [way.kind for way in clause.directions] == ["+"]:
+            clause.directions = same_way(clause, commands, vocabulary)  # "down 1 m, then another metre"
+        if clause.then and only_by(clause):
+            clause.directions = [Symbol("+", 1.0, clause.quantities[0].text)]  # "down by 1 m, then by 2 m"
+            clause.directions = same_way(clause, commands, vocabulary)
+            clause.directions = [way for way in clause.directions if way.kind == "U"]
         dwelt = (k < len(found) - 1 or dwelt) and _dwells(clause)
         verbs = [symbol.value for symbol in clause.verbs]
         if clause.condition is not None or (clause.delay is not None and not commands):
@@ -251,20 +253,6 @@ def _stage(
         if clause.each is not None:
             commands = held_each(commands, clause.each, Values(clause, vocabulary).time(clause.each))
     return Sentence(text=text, commands=tuple(commands))
-
-
-def _only_by(clause: Clause) -> bool:
-    """Whether a clause says by how much, and nothing else."""
-    by = [item.role for item in clause.quantities] == ["by"] and clause.quantities[0].value > 0.0
-    return by and not (clause.verbs or clause.directions or clause.shares or clause.names or clause.targets)
-
-
-def _same_way(more: Symbol, commands: Sequence[Command]) -> list[Symbol]:
-    """The direction of "another metre": that of the change before. Raises UserError where there is one of each."""
-    ways = {goal.toward for last in commands if isinstance(last, Move) for goal in last.goals if goal.relative} - {0.0}
-    if len(ways) > 1:
-        raise UserError(f"{more.text!r}: up, or down? say which")
-    return [more._replace(value=ways.pop())] if ways else [more]
 
 
 def _lasting(clause: Clause, before: Clause, vocabulary: Vocabulary) -> float:

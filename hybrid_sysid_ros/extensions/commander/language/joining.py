@@ -137,3 +137,23 @@ def stands_alone(clause: Clause) -> bool:
         clause.quantities or clause.shares or clause.targets or clause.directions or clause.names or clause.here
         or clause.comparatives or clause.nouns
     )  # fmt: skip
+
+
+def only_by(clause: Clause) -> bool:
+    """Whether a clause says by how much, and nothing else."""
+    by = [item.role for item in clause.quantities] == ["by"] and clause.quantities[0].value > 0.0
+    return by and not (clause.verbs or clause.directions or clause.shares or clause.names or clause.targets)
+
+
+def same_way(clause: Clause, commands: Sequence[Command], vocabulary: Vocabulary) -> list[Symbol]:
+    """The direction of "another metre": that of the changes before. Raises UserError where there is one of each, or of
+    another output alone.
+    """
+    (more,) = clause.directions
+    changes = [goal for last in commands if isinstance(last, Move) for goal in last.goals if goal.relative]
+    values = Values(clause, vocabulary)
+    outputs = {*clause.targets, *map(values.measured, clause.quantities)} - {None}
+    ways = {goal.toward for goal in changes if goal.output in outputs or not outputs} - {0.0}
+    if len(ways) > 1 or (not ways and any(goal.toward < 0.0 for goal in changes)):
+        raise UserError(f"{more.text!r}: up, or down? say which")
+    return [Symbol("U", ways.pop(), more.text)] if ways else [more]

@@ -301,5 +301,7 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (JOINT, "undo the last two commands", Refused("only what was last")),
     (ROBOT, "zigzag: 20 degrees left, 20 right, 2 s each", Refused("each way, or there and back?")),
     (BEAM, "slow, down by 1 V, then by another 2 V", [by(-1, pace="slowly"), by(-2)]),
-    (ROBOT, "left 20, right 40, 3 s each", [by(20, "yaw"), wait(3), by(-40, "yaw"), wait(3)]),
+    (ROBOT, "left 20, right 40, 3 s each", [by(20, "yaw", hold=3), by(-40, "yaw", hold=3)]),
+    (CONE, "descend 100 m, then go another 50 m", [by(-100, "height"), by(-50, "height")]),
+    (CONE, "reduce the speed by 5 m/s, then another 100 m", Refused("up, or down?")),
 ]
