@@ -122,6 +122,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
     width, scale = reference.shape[1], reference.shape[1] / 640.0
     standing = standing_features(cv2, reference, few, scale)
     if standing is None:
+        _refuse_other_view(few[: len(few) // 4], few[-len(few) // 4 :])
         return None
     features, tripod = standing
     tracker = FeatureTracker(cv2, reference, features)
@@ -134,6 +135,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
         known = poses[number] = pose if np.isfinite(residuals[number]) else known
     if np.isnan(residuals).mean() > LOST:
         if len(tracker.features) < MANY:
+            _refuse_other_view(few[: len(few) // 4], few[-len(few) // 4 :])
             return None
         raise UserError(
             f"the camera was moved: what stands in it is not seen any more from {_lost_at(film, residuals):.3g} s on: "
@@ -169,6 +171,23 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
     return motion
 
 
+def _refuse_other_view(first: list[Picture], last: list[Picture]) -> None:
+    """Raise UserError where a film ends with another view than it begins with."""
+    if not _alike(first, last):
+        raise UserError(
+            "the camera was moved: the film ends with another view than it begins with: put it on a tripod, or cut the "
+            "film where it moves"
+        )
+
+
+def _alike(first: list[Picture], last: list[Picture]) -> bool:
+    """Whether two parts of a film show one view, by their medians; even ones do."""
+    one, other = (np.median([picture[::4, ::4] for picture in part], axis=0) for part in (first, last))
+    if (np.abs(other - one) > DIFFERS).mean() < COVERS or not min(np.ptp(one), np.ptp(other)) > DIFFERS:
+        return True
+    return bool(np.corrcoef(one.ravel(), other.ravel())[0, 1] >= ALIKE)
+
+
 def _torn(rest: NDArray[np.float32], scale: float) -> NDArray[np.bool_]:
     """Pictures (pictures,) that are torn, by where their features lie beside their places (pictures, features, 2)
     [pixels]; what is so in most pictures is the reference's own.
@@ -194,12 +213,8 @@ def _refuse_cut(film: TimedPictures) -> None:
     first = int(np.argmax(changes))
     if len(changes) < ASIDE or not changes[first] > CUT * np.sort(changes)[-3]:  # two of a film may be cuts
         return
-    near = [picture[::4, ::4] for k, (_, picture) in enumerate(film()) if abs(k + 0.5 - first) < ASIDE]
-    sides = (near[: min(first, ASIDE)], near[min(first, ASIDE) :])
-    one, other = (np.median(side, axis=0) for side in sides)
-    if (np.abs(other - one) > DIFFERS).mean() < COVERS or not min(np.ptp(one), np.ptp(other)) > DIFFERS:
-        return
-    if np.corrcoef(one.ravel(), other.ravel())[0, 1] < ALIKE:
+    near = [picture for k, (_, picture) in enumerate(film()) if abs(k + 0.5 - first) < ASIDE]
+    if not _alike(near[: min(first, ASIDE)], near[min(first, ASIDE) :]):
         raise UserError(
             f"the camera was moved, or the film is of two takes: from {times[first]:.3g} s on it shows another view: "
             "cut it there"

@@ -158,14 +158,14 @@ def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
     for k, missing in enumerate(lost):
         run = run + 1 if missing else 0
         if run > MOST_FILLED:
-            what = "is black, or shows no joint,"
+            what, advice = "is black, or shows no joint,", "cut it there"
             if footage.frozen[k] or footage.soft[k]:
                 what = "stands still, frozen to the last bit," if footage.frozen[k] else "is out of focus"
             elif footage.torn[k]:
-                what = "is of a camera that shakes while its rows are read,"
+                what, advice = "is of a camera that shakes while its rows are read,", "put the camera on a tripod"
             raise UserError(
-                f"the film {what} from {footage.times[k - run + 1]:.3g} s on for more than {MOST_FILLED} pictures"
-                ": cut it there"
+                f"the film {what} from {footage.times[k - run + 1]:.3g} s on for more than {MOST_FILLED} pictures: "
+                f"{advice}"
             )
     at = np.flatnonzero(~lost)
     if len(at) < 2:

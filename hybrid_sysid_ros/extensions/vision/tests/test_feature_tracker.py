@@ -17,6 +17,7 @@ from hybrid_sysid_ros.extensions.vision.reading.feature_tracker import (
     standing_features,
     tell_lens,
 )
+from hybrid_sysid_ros.support.errors import UserError
 
 ROWS, COLUMNS, FOCAL = 180, 320, 0.9 * 320
 
@@ -94,3 +95,15 @@ def test_a_camera_that_shakes_while_rows_are_read_tears_pictures(wall: Picture) 
     motion = motion_of_camera(lambda: iter([(k / 30.0, picture) for k, picture in enumerate(film)]))
     assert motion is not None
     assert np.flatnonzero(motion.torn).tolist() == [7, 20, 33]
+
+
+def test_a_camera_that_was_knocked_over_is_refused(wall: Picture) -> None:
+    """In a fifth of a second, so that no two pictures are of two takes."""
+    x = 140.0 / (1.0 + np.exp(-(np.arange(60) - 30.0)))
+    places = np.indices((ROWS, COLUMNS)).astype(np.float32)
+    film = [
+        (k / 30.0, cv2.remap(wall, places[1] + np.float32(beside), places[0], cv2.INTER_LINEAR).astype(np.uint8))
+        for k, beside in enumerate(x)
+    ]
+    with pytest.raises(UserError, match="the camera was moved"):
+        motion_of_camera(lambda: iter(film))
