@@ -116,10 +116,12 @@ class Goals(Values):
         self.refuse_rate(item, output)
         if sign and item.role == "at":
             raise UserError(f"{item.text!r}: to that value, or by it? say 'to' or 'by' instead of 'at'")
+        verb = self.clause.displacing
+        if verb and verb.value == "turn" and item.role == "to" and item.text.startswith("through "):
+            item = replace(item, role="by")  # "turn through 40 degrees"
         if not sign and item.role == "" and self.adds(item, output):
             item = replace(item, role="by")
         if not sign and item.role == "" and self.open(item, output):
-            verb = self.clause.displacing
             said = f"{verb.text} {item.text}" if verb else item.text
             bare = BEFORE.sub("", item.text)
             raise UserError(f"{said!r}: to that value, or by it? say 'to {bare}' or 'by {bare}'")

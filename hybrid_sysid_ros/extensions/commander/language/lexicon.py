@@ -94,6 +94,7 @@ class Lexicon:
             self._enter(found, category, (("V", "back"), ("U", sign)))
         for category in ("displace", "turn", "change"):
             self._enter(found, category, (("y", category), ("V", "go")))
+        self._enter(found, "lean", (("n", "position"), ("y", "turn"), ("V", "go")))
         for category in ("step", "ramp"):
             self._enter(found, category, (("y", "change"), ("V", category)))
         self._enter(found, "ease", (("V", "go"), ("C", "slowly")))

@@ -276,6 +276,9 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (ROBOT, "go backwards at 0.1 m/s for 4 s, then stand still", [go(-0.1, "speed", hold=4), go(0, "speed")]),
     (JOINT, "be still for 5 s", [go(0, hold=5)]),
     (ROBOT, "hold position", Refused("position")),
+    (ROBOT, "lean over to 80 degrees", Refused("position")),
+    (ROBOT, "spin anticlockwise through 40 degrees", [by(40, "yaw")]),
+    (CONE, "bank left 10 degrees", Refused("position")),
     # Two verbs side by side, of which one says how.
     (JOINT, "the link should be doing 16 rpm", [go(16)]),
     (DRILL, "go to 4 rad/s, wait 5 s, take it back to 3 rad/s", [go(4), wait(5), go(3)]),
