@@ -96,7 +96,8 @@ def _found(unit: Path, done: UnitExport, loop: PythonLoop, calls: int) -> str:
 def _before() -> dict[str, Any]:
     """Rows of the results that are there."""
     path = result.RESULTS / f"{NAME}.json"
-    return json.loads(path.read_text(encoding="utf-8"))["results"]["loops"] if path.is_file() else {}  # type: ignore[no-any-return]
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))["results"]["loops"] if path.is_file() else {}
+    return found
 
 
 def main(arguments: list[str]) -> int:

@@ -30,7 +30,6 @@ OF_EXTENSIONS = (
 """Sections of this package's extensions, which a rig may have where the extensions are missing."""
 BEYOND = 1e9
 """Limit of all states, inputs and outputs in any unit."""
-
 MARGIN = 0.02
 """Share of the travel at each end that no reference reaches."""
 

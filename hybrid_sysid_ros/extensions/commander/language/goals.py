@@ -16,6 +16,8 @@ BIT = 0.05
 """Of half the set-points' range, by which "up a bit" changes them."""
 
 OF = re.compile(r"(?:of|de)\s", re.IGNORECASE)
+THROUGH = re.compile(r"through\s", re.IGNORECASE)
+"""Before an amount, behind a verb of turning: "turn through 40 degrees"; to a value elsewhere."""
 WAY = re.compile(r"^(?:by|em|por)\s+", re.IGNORECASE)
 BEFORE = re.compile(r"^(?:(?:of|de|em|plus|mais)\s+|\+)+", re.IGNORECASE)
 """What may stand before a value, but not behind "to"."""
@@ -117,8 +119,8 @@ class Goals(Values):
         if sign and item.role == "at":
             raise UserError(f"{item.text!r}: to that value, or by it? say 'to' or 'by' instead of 'at'")
         verb = self.clause.displacing
-        if verb and verb.value == "turn" and item.role == "to" and item.text.startswith("through "):
-            item = replace(item, role="by")  # "turn through 40 degrees"
+        if verb and verb.value == "turn" and item.role == "to" and THROUGH.match(item.text):
+            item = replace(item, role="by")
         if not sign and item.role == "" and self.adds(item, output):
             item = replace(item, role="by")
         if not sign and item.role == "" and self.open(item, output):

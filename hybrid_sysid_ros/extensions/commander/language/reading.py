@@ -10,8 +10,8 @@ from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.support.errors import UserError
 
-MOST_READINGS = 40
-MOST_CHANGES = 3
+MOST_READINGS, MOST_CHANGES = 40, 3
+"""Readings of a sentence that are tried, and cuts in one of them."""
 CUT = {",": 1.0, "j": 1.2, "D": 2.0, "Z": 2.0, "z": 2.0}
 """What it costs to cut at a comma or an "and", or before a delay or a condition."""
 
