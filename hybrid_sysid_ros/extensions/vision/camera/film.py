@@ -45,6 +45,7 @@ class FilmFormat:
 
 def format_of(path: Path) -> FilmFormat:
     """What a film's head says. Raises UserError where it is no film."""
+    _check_regular(path)
     with extra("video"):
         import av
     try:
@@ -61,6 +62,7 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
 
     Raises UserError where the file is no film, is interlaced, in slow motion, cut or damaged.
     """
+    _check_regular(path)
     with extra("video"):
         import av
     count, last, longest, stated = 0, -np.inf, 0.0, 0.0
@@ -128,6 +130,12 @@ def write_film(
             count += 1
         container.mux(stream.encode())
     return count
+
+
+def _check_regular(path: Path) -> None:
+    """Raise UserError for a pipe or device, for which a reader would wait for ever."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise UserError(f"{path}: is a pipe or a device: copy the film into a file")
 
 
 def _stream(container: Any, path: Path) -> Any:

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +24,7 @@ from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.film_check import FilmCheck, film_check
 from hybrid_sysid_ros.extensions.vision.reading.film_quantity import film_quantities
-from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView, squaring
+from hybrid_sysid_ros.extensions.vision.reading.film_view import CLICKED, FilmView, squaring
 from hybrid_sysid_ros.extensions.vision.reading.footage import Footage, followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.joint_reference import joint_reference
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
@@ -195,10 +195,12 @@ def _read(
             status.print(
                 f"note: what moves turns {far:.0%} of the width beside the scene's pivot: about there it is read"
             )
-        found, _ = learn(
+        found, angles = learn(
             film, rig, readout=readout, sized=sized, steadied=view.motion is not None, clicked=not searched,
             progress=lambda stage: tell(f"learning: {stage}"),
         )  # fmt: skip
+        unsure = math.hypot(found.geometry.scale_deviation, view.scale_deviation(found.pivot, angles))
+        found = replace(found, geometry=replace(found.geometry, scale_deviation=unsure))
     reader, lamp = AngleReader(found), scene_of(rig).lamp
     return found, followed(view, reader, lamp, progress=lambda count: tell(f"reading: {count} pictures"))
 
@@ -256,10 +258,12 @@ def _squared(view: FilmView, rig: Rig, marks: Array, named: Path) -> tuple[FilmV
     scene, columns = scene_of(rig), _size(view.path)[0]
     with _named_in_errors(named):
         square = squaring(marks, scene.rectangle)
+        beside = CLICKED * np.eye(marks.size).reshape(-1, *marks.shape)
+        squares = tuple(squaring(marks + off, scene.rectangle) for off in beside)
     x, y = (np.array(scene.pivot) * columns - 0.5).tolist()
     there = square @ np.array([x, y, 1.0])
     x, y = ((there[:2] / there[2] + 0.5) / columns).tolist()
-    return FilmView(path=view.path, square=square), with_pivot(rig, (x, y))
+    return FilmView(path=view.path, square=square, squares=squares), with_pivot(rig, (x, y))
 
 
 def _checked(

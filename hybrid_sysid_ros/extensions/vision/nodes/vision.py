@@ -16,9 +16,9 @@ from sensor_msgs.msg import CompressedImage
 from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader, AngleReading
-from hybrid_sysid_ros.extensions.vision.reading.footage import FROZEN
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.light_across import LightMeter
+from hybrid_sysid_ros.extensions.vision.reading.unused_pictures import FROZEN
 from hybrid_sysid_ros.nodes.base import ModelSource, RigNode
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task

@@ -18,6 +18,7 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 
 KEPT = 400_000_000  # bytes of pictures: 55 s of 640x360 at 30 a second
+CLICKED = 0.5  # pixels, rms, by which a clicked mark is beside its place
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,6 +28,8 @@ class FilmView:
     path: Path
     square: NDArray[np.float64] | None = None
     """Homography (3, 3) from places in the film's pictures to those in what is seen squarely [pixels]."""
+    squares: tuple[NDArray[np.float64], ...] = ()
+    """The same with one coordinate of the marks each off by CLICKED."""
     motion: CameraMotion | None = None
     """The camera's own, which is taken out; None where it is not known."""
     light: LightAcross | None = None
@@ -54,6 +57,22 @@ class FilmView:
             if size > KEPT:
                 return self
         return replace(self, kept=tuple(kept))
+
+    def scale_deviation(self, pivot: tuple[float, float], angles: Array) -> float:
+        """Relative standard deviation of the size of angles (pictures,) [rad] about a pivot [pixels], by marks that are
+        beside their places: what is seen about the pivot is then mapped by a matrix A, and an angle in a direction d
+        changes by det A / |A d|^2 times its own change.
+        """
+        if self.square is None:
+            return 0.0
+        directions = np.stack([np.cos(angles), -np.sin(angles)])
+        variance = 0.0
+        for square in self.squares:
+            mapped = square @ np.linalg.inv(self.square)
+            x, y, w = mapped @ np.array([*pivot, 1.0])
+            there = (mapped[:2, :2] - np.outer([x / w, y / w], mapped[2, :2])) / w
+            variance += float(np.nanmean((np.linalg.det(there) / np.sum((there @ directions) ** 2, axis=0) - 1.0) ** 2))
+        return float(np.sqrt(variance))
 
     def film_rows(self, column: float, rows: Array) -> Array:
         """Rows (pictures,) of the film's own pictures, whose time rows of what is seen of them have, in a column."""

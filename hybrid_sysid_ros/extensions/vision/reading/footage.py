@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,14 @@ from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
 from hybrid_sysid_ros.extensions.vision.reading.learning import DARK_FILM, FEWEST
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.reading.steadiness import GAP, steady_angles
+from hybrid_sysid_ros.extensions.vision.reading.unused_pictures import (
+    Unused,
+    copied_pictures,
+    dim_pictures,
+    frozen_pictures,
+    leaping_pictures,
+    unlike_pictures,
+)
 from hybrid_sysid_ros.extensions.vision.scene import Lamp
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -29,19 +38,9 @@ LEARNED_FROM = 160
 SHOWN = 4  # pictures that are kept to be shown
 LOOKS, APART = 16, 10
 """Pictures, and how far apart, by which a moved camera is known; who comes by is in less than half of them."""
-FROZEN, JUMP = 3, 1.0
-"""Pictures in a row that are the same to the last bit, and pixels of the sprite's end: a camera that hangs."""
 MOST_EVEN = 0.05  # of a film's pictures that show nothing, here and there
 PLAIN = 12  # counts, by which the pixels of a picture differ at least that shows something: a film's black is not 0
-LEAP, RARE, LEAPS = 0.2, 3.0, 3
-"""Share of all angles' range, and multiple of the turning points nine of ten of which are smaller, by which up to so
-many pictures in a row are off all of those around them: they show somebody who walks by."""
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is reported
-UNLIKE, PLAINLY = 5.0, 10.0
-"""Times as much as others, and counts, by which most pixels of a picture differ whose joint is not there."""
-COPY, GOES_ON, COPIES = 0.25, 1.0, 0.1
-"""Of what the sprite's end moves before and after it, by which it moves less in a picture that is a copy of the one
-before; pixels that it moves there; and share of such pictures with which copies are also where the joint turns back."""
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
 
@@ -61,12 +60,8 @@ class Footage:
     """Share of the pixels that the layers explain."""
     lamp: Array
     """Brightness of the lamp [counts]; NaN without one, and where there is no light in the picture."""
-    frozen: NDArray[np.bool_]
-    """Pictures that are those before once more, but for black ones; their angles are not used."""
-    soft: NDArray[np.bool_]
-    """Pictures out of focus,"""
-    torn: NDArray[np.bool_]
-    """and those of a camera that shook while their rows were read; their angles are not used."""
+    unused: Mapping[Unused, NDArray[np.bool_]]
+    """Pictures whose angles are not used, by why; the first reason counts."""
     shown: tuple[tuple[float, Picture, AngleReading], ...]
     """Some of them, with their times and what was read."""
     stated_rate: float
@@ -90,6 +85,15 @@ class Footage:
         """Pictures without an angle."""
         return int(np.isnan(self.angles).sum())
 
+    def why(self, number: int) -> Unused:
+        """The angle of a picture is not used, or there is none."""
+        return next((why for why, pictures in self.unused.items() if pictures[number]), Unused.HIDDEN)
+
+    def without(self, why: Unused, pictures: NDArray[np.bool_]) -> Footage:
+        """The same without the angles of some more pictures (frames,)."""
+        angles = np.where(pictures, np.nan, self.angles)
+        return replace(self, angles=angles, unused={**self.unused, why: pictures})
+
     def turned_unsurely(self, relative: float) -> Footage:
         """The same, its deviations with that of the angles' scale by a pivot that may be off: an error that goes as the
         sine of the angle, and comes back after a turn. Angles of a camera that moves hang on no pivot.
@@ -108,16 +112,8 @@ class Footage:
             found.append(f"the light leans from side to side by {self.view.light.size:.0%}, rms: taken out")
         if self.stated_rate and abs(self.rate / self.stated_rate - 1.0) > OTHER_RATE:
             found.append(f"its head says {self.stated_rate:.4g} pictures/s, their times {self.rate:.4g}: these count")
-        if self.frozen.any():
-            found.append(f"{int(self.frozen.sum())} pictures are those before once more, frozen or copied: not used")
-        if blurred := int((self.soft & ~self.frozen).sum()):
-            found.append(f"{blurred} of {len(self.angles)} pictures are out of focus: not used")
-        if torn := int((self.torn & ~self.soft & ~self.frozen).sum()):
-            found.append(
-                f"the camera shook in {torn} of {len(self.angles)} pictures while their rows were read: not used"
-            )
-        if black := self.lost - int((self.frozen | self.soft | self.torn).sum()):
-            found.append(f"{black} of {len(self.angles)} pictures without an angle: black, hidden or of something else")
+        counts = Counter(self.why(k) for k in np.flatnonzero(np.isnan(self.angles)))
+        found += [f"{count} of {len(self.angles)} pictures are {why.note}: not used" for why, count in counts.items()]
         return found
 
 
@@ -154,17 +150,19 @@ def followed(
     in a way that can't be taken out.
     """
     rows, times, lamps, free = list[AngleReading](), list[float](), list[float](), list[FreeReading]()
-    even, same, sharp, sceneries = list[bool](), list[bool](), list[float](), list[Array]()
+    even, equal, sharp, lights = list[bool](), list[bool](), list[float](), list[float]()
+    sceneries = list[Array]()
     shown = list[tuple[float, Picture, AngleReading]]()
-    before, every = None, 1
+    before, every = np.zeros(0, dtype=np.uint8), 1
     for time, picture in view.pictures():
         reading, plain = reader.read(picture), int(np.ptp(picture[::8, ::8])) < PLAIN
         if plain:
             reading = replace(reading, angle=np.nan, deviation=np.inf)
         even.append(plain)
-        same.append(reader.lit and not plain and before is not None and np.array_equal(picture, before))
+        equal.append(bool(rows) and reader.lit and not plain and np.array_equal(picture, before))
         sharp.append(np.inf if plain else sharpness(picture))
         before = picture
+        lights.append(float(np.median(reader.gains)))
         times.append(time)
         rows.append(reading)
         free.append(reader.read_freely(picture, reading.angle, reader.gains))
@@ -200,11 +198,15 @@ def followed(
             f"{view.path}: {lost:.0%} of its pictures are not what the layers of {layers.geometry.rig} explain: "
             "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
-    still, angles = frozen_pictures(np.array(same), steady.angles, layers.reach), steady.angles
-    still |= copied_pictures(steady.angles * layers.reach)
-    soft = soft_pictures(np.array(sharp))
-    torn = view.motion.torn if view.motion is not None else soft & False
-    angles[still | soft | torn] = np.nan
+    angles = steady.angles
+    unused = {
+        Unused.FROZEN: frozen_pictures(np.array(equal), angles, layers.reach) | copied_pictures(angles * layers.reach),
+        Unused.SOFT: soft_pictures(np.array(sharp)),
+        Unused.DIM: dim_pictures(np.array(lights)),
+    }
+    if view.motion is not None:
+        unused[Unused.TORN] = view.motion.torn
+    angles[np.any(list(unused.values()), axis=0)] = np.nan
     if not layers.full_turn:
         angles[leaping_pictures(angles)] = np.nan
     middle = np.nan_to_num([layers.row_time(row) for row in view.film_rows(layers.pivot[0], steady.rows)])
@@ -216,9 +218,7 @@ def followed(
         deviations=steady.deviations,
         explained=np.array([row.explained for row in rows]),
         lamp=np.array(lamps),
-        frozen=still,
-        soft=soft,
-        torn=torn,
+        unused=unused,
         shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
         stated_rate=format_of(view.path).rate,
         view=view,
@@ -232,70 +232,6 @@ def _refuse_dark(view: FilmView, even: NDArray[np.intp], count: int, light: floa
             f"{view.path}: it is too dark, {light:.0f} of 255 counts: in {len(even) / count:.0%} of its pictures "
             f"nothing differs by {PLAIN} counts; film with more light, or a longer exposure"
         )
-
-
-def frozen_pictures(same: NDArray[np.bool_], angles: Array, reach: float) -> NDArray[np.bool_]:
-    """Pictures (pictures,) of a camera that hangs: the same as those before, where the sprite's end jumps by JUMP
-    before or after them. Where it does not, the joint rests, and a codec repeats its picture.
-    """
-    found = np.zeros(len(same), dtype=bool)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
-    for first, end in edges.reshape(-1, 2).tolist():
-        begin = first - 1  # the one that is repeated
-        ends = [(begin - 1, begin), (end - 1, end)]
-        jumps = [_turn(angles[k] - angles[i]) for i, k in ends if i >= 0 and k < len(angles)]
-        if end - begin >= FROZEN and np.nanmax([*jumps, 0.0]) * reach > JUMP:
-            found[begin + FROZEN - 1 : end] = True
-    return found
-
-
-def copied_pictures(places: Array) -> NDArray[np.bool_]:
-    """Pictures (pictures,) that are copies of those before them, one or two in a row, as where a film was written at a
-    higher rate than it was taken at, or lost some: the joint stands in them, and goes on before and after them the same
-    way. places: of the sprite's end [pixels].
-    """
-    steps = np.nan_to_num(np.diff(places, prepend=np.nan))
-    pairs = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2), 2)
-    farther = np.where(np.abs(pairs[:, 0]) > np.abs(pairs[:, 1]), pairs[:, 0], pairs[:, 1])
-    before, after = farther[:-3], farther[3:]
-    least = np.minimum(np.abs(before), np.abs(after))
-    stands, goes_on = np.abs(steps) < COPY * least, (before * after > 0.0) & (least > GOES_ON)
-    surely = stands & goes_on
-    return stands if surely.sum() >= max(COPIES * goes_on.sum(), 1.0) else surely
-
-
-def unlike_pictures(differences: Array) -> NDArray[np.bool_]:
-    """Pictures (pictures,) most pixels of which differ [counts] so much more from the layers than those of others that
-    the joint is hidden, or gone; an alignment finds some angle there, too.
-    """
-    known = differences[np.isfinite(differences)]
-    usual = float(np.median(known)) if len(known) else 0.0
-    return differences > max(UNLIKE * usual, PLAINLY)
-
-
-def leaping_pictures(angles: Array) -> NDArray[np.bool_]:
-    """Pictures (pictures,), up to LEAPS in a row, whose angles are beyond the two before and the two after them by more
-    than LEAP of the range of all angles, and by more than RARE times what turning points of the motion are.
-    """
-    found = np.zeros(len(angles), dtype=bool)
-    for count in range(1, LEAPS + 1):
-        usual = np.nan
-        while len(known := np.flatnonzero(np.isfinite(angles) & ~found)) >= count + 4:
-            windows = np.lib.stride_tricks.sliding_window_view(angles[known], count + 4)
-            around, inside = windows[:, [0, 1, -2, -1]], windows[:, 2:-2]
-            beyond = np.maximum(inside.min(axis=1) - around.max(axis=1), around.min(axis=1) - inside.max(axis=1))
-            if np.isnan(usual):
-                usual = float(np.quantile(beyond[beyond > 0.0], 0.9)) if (beyond > 0.0).any() else 0.0
-            first = int(np.argmax(beyond))
-            if not beyond[first] > max(LEAP * float(np.ptp(angles[known])), RARE * usual):
-                break
-            found[known[first + 2 : first + 2 + count]] = True
-    return found
-
-
-def _turn(angle: float) -> float:
-    """Its size, the shorter way round [rad]."""
-    return abs((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _when(times: Sequence[float], first: int) -> str:

@@ -23,6 +23,7 @@ from hybrid_sysid_ros.extensions.vision.reading.regression import (
     regress_texels,
     sharpen,
 )
+from hybrid_sysid_ros.extensions.vision.reading.unused_pictures import dim_pictures
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -33,7 +34,6 @@ ROUNDS, MOST_ROUNDS = 4, 24
 """Of background, sprite and angles in turn: more of them while the pivot is still on its way,"""
 WHITE, BURNT = 250.0, 0.05  # counts of 255, and the share of pixels above, with which a film is over-exposed
 DARK_FILM = 25.0  # counts of 255
-DIM = 0.3  # of the light of most pictures: what is darker is left out
 UNSETTLED = 0.3
 """Pixels: a pivot that surely is still farther on its way, or moves more, bends the angles."""
 BROAD = 12
@@ -78,7 +78,7 @@ def learn(
         )
     progress("median")
     lights = _lights(film)
-    lit = lights > DIM * np.median(lights)
+    lit = ~dim_pictures(lights)
     if not lit.all() and lit.sum() >= FEWEST:
         film, lights = film[lit], _lights(film[lit])
     layers, angles = _first_layers(film, lights, rig, readout, progress)

@@ -24,6 +24,7 @@ SURELY_ALIKE = 0.99  # correlation of a film's motion at one of these with the b
 UNEVEN = 0.3  # pictures, by which times wander beside the bag's at most: those that are rounded to whole ones do so
 STEPS = 30
 BISQUARE = 4.685  # deviations; see alignment.py
+CONTRADICTS = 10.0  # times as much as others differ, rms, by which film and bag differ by no chance, lens or codec
 BLOCK = 1.0  # s, within which differences count as one
 MOVED = 1e-9
 SURELY = 3.0  # deviations of a mean square, by which film and bag differ by more than their noise
@@ -48,6 +49,8 @@ class Synchronisation:
     """Between them, rms [rad]."""
     used: NDArray[np.bool_]
     """Frames (frames,) that were compared: inside of the bag, and no outliers."""
+    contradicted: NDArray[np.bool_]
+    """Frames (frames,) that are off by more than CONTRADICTS times what those differ by."""
     bend: float
     """By which the film's values bend beside the bag's, rms [rad]; see :func:`bent`."""
     wander: float
@@ -166,8 +169,11 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
     # the shift is stated at film time 0: shift - rate * centre
     to_zero = np.eye(4)
     to_zero[0, 1] = -centre
-    everywhere = np.zeros(len(film), dtype=bool)
-    everywhere[np.flatnonzero(known)[used]] = True
+    residual = float(np.sqrt(np.mean(difference[used] ** 2)))
+    own = values[2] * angles[known] + values[3] - smooth(at)  # a low-pass spreads what is off over its neighbours
+    contradicted = inside & (np.minimum(np.abs(difference), np.abs(own)) > CONTRADICTS * residual)
+    of_frames = np.zeros((2, len(film)), dtype=bool)
+    of_frames[:, known] = used, contradicted
     return Synchronisation(
         shift=float(values[0] - values[1] * centre),
         rate=float(values[1]),
@@ -175,8 +181,9 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
         offset=float(values[3]),
         deviations=np.sqrt(np.diag(to_zero @ covariance @ to_zero.T)),
         correlation=correlation,
-        residual=float(np.sqrt(np.mean(difference[used] ** 2))),
-        used=everywhere,
+        residual=residual,
+        used=of_frames[0],
+        contradicted=of_frames[1],
         bend=bent(seen_angles, slopes, difference, blocks, used),
         wander=wandering(speed[inside], difference[inside]),
         noise=0.0,

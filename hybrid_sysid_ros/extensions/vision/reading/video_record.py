@@ -28,6 +28,7 @@ from hybrid_sysid_ros.extensions.vision.reading.joint_reference import (
 from hybrid_sysid_ros.extensions.vision.reading.lamp import Onset, onset
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.synchronisation import Synchronisation, synchronise
+from hybrid_sysid_ros.extensions.vision.reading.unused_pictures import Unused
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.joints import MEASUREMENTS
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -102,6 +103,9 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
     reference = joint_reference(rig, geometry.joint, bag)
     seen = footage.angles if reference.kind is MotionSource.POSITION else _speeds(footage)
     found = synchronise(footage.seen, seen, reference.times, reference.values, exposure=exposure)
+    if reference.kind is not MotionSource.INPUT and found.contradicted.any():
+        footage = footage.without(Unused.CONTRADICTED, found.contradicted)
+        angles, filled = _filled(footage)
     scale = found.scale if _off_scale(found, reference) else geometry.scale
     by_position, unexplained = reference.kind is MotionSource.POSITION, 0.0
     if scale == geometry.scale and not by_position:
@@ -158,14 +162,10 @@ def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
     for k, missing in enumerate(lost):
         run = run + 1 if missing else 0
         if run > MOST_FILLED:
-            what, advice = "is black, or shows no joint,", "cut it there"
-            if footage.frozen[k] or footage.soft[k]:
-                what = "stands still, frozen to the last bit," if footage.frozen[k] else "is out of focus"
-            elif footage.torn[k]:
-                what, advice = "is of a camera that shakes while its rows are read,", "put the camera on a tripod"
+            why = footage.why(k)
             raise UserError(
-                f"the film {what} from {footage.times[k - run + 1]:.3g} s on for more than {MOST_FILLED} pictures: "
-                f"{advice}"
+                f"the film {why.said} from {footage.times[k - run + 1]:.3g} s on for more than {MOST_FILLED} pictures: "
+                f"{why.advice}"
             )
     at = np.flatnonzero(~lost)
     if len(at) < 2:

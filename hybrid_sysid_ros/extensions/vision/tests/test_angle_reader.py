@@ -11,9 +11,9 @@ import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.footage import unlike_pictures
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.light_across import LightMeter
+from hybrid_sysid_ros.extensions.vision.reading.unused_pictures import unlike_pictures
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
 from hybrid_sysid_ros.rigs.rig import load

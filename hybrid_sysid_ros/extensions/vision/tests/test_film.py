@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,13 @@ def test_what_is_no_film_is_refused(tmp_path: Path, content: bytes, words: str) 
     path.write_bytes(content)
     with pytest.raises(UserError, match=words):
         list(pictures(path))
+
+
+def test_a_pipe_is_refused_as_none_waits_for_it(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "film.mp4")
+    for read in (format_of, lambda path: list(pictures(path))):
+        with pytest.raises(UserError, match="a pipe or a device"):
+            read(tmp_path / "film.mp4")
 
 
 def test_a_cut_film_is_refused(film: Path, tmp_path: Path) -> None:

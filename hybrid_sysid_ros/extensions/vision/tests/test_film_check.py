@@ -19,8 +19,9 @@ from hybrid_sysid_ros.extensions.vision.camera.film import write_film
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.extensions.vision.commands import video
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import CameraMotion
+from hybrid_sysid_ros.extensions.vision.reading.feature_tracker import moved
 from hybrid_sysid_ros.extensions.vision.reading.film_check import Finding, _pivot, film_check
-from hybrid_sysid_ros.extensions.vision.reading.film_view import FilmView, squared, squaring
+from hybrid_sysid_ros.extensions.vision.reading.film_view import CLICKED, FilmView, squared, squaring
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.rig import Rig, load
@@ -163,6 +164,23 @@ def test_a_pivot_that_was_clicked_is_looked_for_nowhere_else(
     run = partial(call, app.main, "hybrid-sysid", "video", str(tmp_path / "film.mp4"), "--out", str(tmp_path / "out"))
     refused(run(), "looked for")
     refused(run("--scene", str(scene)), "learned about 0.4")
+
+
+def test_marks_that_are_clicked_beside_make_as_large_a_scale_as_is_said() -> None:
+    """Against the angles of a bar's two ends, seen from the side, and put right by marks that are off by chance."""
+    square, random = squaring(MARKS, (16.0, 9.0)), np.random.default_rng(0)
+    beside = CLICKED * np.eye(8).reshape(8, 4, 2)
+    squares = tuple(squaring(MARKS + off, (16.0, 9.0)) for off in beside)
+    pivot, angles = (160.0, 80.0), 0.3 + 0.05 * np.sin(np.arange(20.0))
+    arm = 60.0 * np.stack([np.cos(angles), -np.sin(angles)], axis=1)
+    scales = []
+    for _ in range(200):
+        clicked = squaring(MARKS + CLICKED * random.standard_normal((4, 2)), (16.0, 9.0)) @ np.linalg.inv(square)
+        ends = [moved(clicked[None], np.array(pivot) + sign * arm)[0] for sign in (1.0, -1.0)]
+        x, y = (ends[0] - ends[1]).T
+        scales.append(np.polyfit(angles, np.arctan2(-y, x), 1)[0])
+    stated = FilmView(path=Path("film.mp4"), square=square, squares=squares).scale_deviation(pivot, angles)
+    assert np.std(scales) == pytest.approx(stated, rel=0.15)
 
 
 def test_four_marks_make_a_view_square() -> None:

@@ -13,18 +13,19 @@ from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.extensions.vision.camera.filming import SceneMotion, experiment
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
 from hybrid_sysid_ros.extensions.vision.reading import joint_reference, video_record
-from hybrid_sysid_ros.extensions.vision.reading.footage import (
-    Footage,
+from hybrid_sysid_ros.extensions.vision.reading.footage import Footage
+from hybrid_sysid_ros.extensions.vision.reading.joint_reference import JointReference, MotionSource
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
+from hybrid_sysid_ros.extensions.vision.reading.unused_pictures import (
     copied_pictures,
     frozen_pictures,
     leaping_pictures,
 )
-from hybrid_sysid_ros.extensions.vision.reading.joint_reference import JointReference, MotionSource
-from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 SHIFT, PERIOD, DEVIATION = -0.7, 1 / 60, 1e-4
 SECONDS = 8.0
@@ -50,8 +51,8 @@ def _seen_experiment(name: str, folder: Path, begin: float = 0.9) -> SeenExperim
     nothing = np.full(len(times), np.nan)
     footage = Footage(
         times=times, seen=times, angles=angles, deviations=np.full(len(times), DEVIATION),
-        explained=np.ones(len(times)), lamp=nothing, frozen=np.zeros(len(times), dtype=bool),
-        soft=np.zeros(len(times), dtype=bool), torn=np.zeros(len(times), dtype=bool), shown=(), stated_rate=1 / PERIOD,
+        explained=np.ones(len(times)), lamp=nothing, unused={}, shown=(),
+        stated_rate=1 / PERIOD,
     )  # fmt: skip
     layers = painted_layers(rig, Camera(width=240, height=136))
     return SeenExperiment(rig=rig, bag=folder / name, motion=motion, footage=footage, layers=layers)
@@ -116,6 +117,29 @@ def test_what_a_film_is_off_by_beside_its_sensor_is_in_its_deviation_and_said(he
     assert any("beyond their noise" in line for line in video_record.contradictions(record)) == bool(held)
 
 
+@pytest.mark.parametrize("name", ["cam_beam", "wheel_motor"])
+def test_a_second_in_which_film_and_sensor_contradict_each_other_is_refused(name: str, tmp_path: Path) -> None:
+    """As where the camera hangs, but is not seen to; synchronisation alone would pass over it."""
+    taken = _seen_experiment(name, tmp_path)
+    angles = taken.footage.angles.copy()
+    moved = np.abs(angles[60:] - angles[:-60])[60:-60]
+    begin = int(np.argmax(moved)) + 60
+    angles[begin : begin + 60] = angles[begin]
+    with pytest.raises(UserError, match="elsewhere than the bag's sensor has it from"):
+        video_record.joined(replace(taken.footage, angles=angles), taken.layers, taken.rig, taken.bag, exposure=0.008)
+
+
+def test_single_pictures_that_contradict_the_sensor_are_left_out(tmp_path: Path) -> None:
+    taken = _seen_experiment("cam_beam", tmp_path)
+    angles = taken.footage.angles.copy()
+    angles[[100, 200, 201]] += 0.05
+    record = video_record.joined(
+        replace(taken.footage, angles=angles), taken.layers, taken.rig, taken.bag, exposure=0.008
+    )
+    assert np.flatnonzero(record.filled).tolist() == [100, 200, 201]
+    assert any("3 of" in line and "sensor" in line for line in record.footage.remarks())
+
+
 def test_a_film_without_a_bag_says_that_nothing_tells_the_size_of_its_angles(wheel: SeenExperiment) -> None:
     """Seen from 20 degrees beside the axis, angles are 6 % too large, and no residual shows it."""
     record = video_record.joined(wheel.footage, wheel.layers, wheel.rig, None, exposure=0.008)
@@ -133,11 +157,24 @@ def test_a_film_without_a_bag_begins_in_the_turn_about_zero(wheel: SeenExperimen
 @pytest.mark.parametrize(("jump", "hangs"), [(0.0, False), (0.02, True)])
 def test_equal_pictures_are_a_camera_that_hangs_only_where_the_joint_jumps(jump: float, hangs: bool) -> None:
     """A codec repeats its picture while the joint rests."""
-    same, angles = np.zeros(40, dtype=bool), np.zeros(40)
-    same[10:30], angles[30:] = True, jump
+    same, angles = np.zeros(40, dtype=bool), 0.01 * np.sin(np.arange(40.0))
+    same[10:30], angles[9:30], angles[30:] = True, angles[9], angles[9] + jump
     found = frozen_pictures(same, angles, reach=150.0)
     assert found.any() == hangs
     assert not hangs or found.sum() == 19
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_a_joint_that_stands_hangs_where_it_goes_on_farther_than_it_ever_speeds_up(hangs: bool) -> None:
+    """Whatever a codec makes of the picture: of a swing that speeds up by .75 pixels from one picture to the next,
+    and begins anew from rest, or goes on as if nothing had been.
+    """
+    places: Array = 12.0 * np.sin(0.25 * np.arange(120))
+    places[40:60] = places[40] + 0.05 * np.random.default_rng(0).standard_normal(20)
+    if not hangs:
+        places[60:] = places[59] + 12.0 * (1.0 - np.cos(0.25 * np.arange(60)))
+    found = frozen_pictures(np.zeros(120, dtype=bool), places / 150.0, reach=150.0)
+    assert np.flatnonzero(found).tolist() == (list(range(42, 60)) if hangs else [])
 
 
 @pytest.mark.parametrize("every", [2, 3, 5])
