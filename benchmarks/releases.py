@@ -25,7 +25,8 @@ EXTRAS = ("ros", "report", "view", "test", "export", "video", "mcp", "narx", "se
 TESTS = (
     *("tests/test_versions.py", "tests/core/test_compilation.py", "tests/core/test_rollout.py"),
     *("tests/control/test_mpc.py", "tests/test_bags.py", "tests/test_bag_files.py", "tests/test_identification.py"),
-    *("tests/test_cli.py", "tests/test_report.py", "tests/test_model_folder.py", "tests/test_structures.py"),
+    *("tests/test_cli.py", "tests/test_model_folder.py", "tests/test_structures.py"),
+    "hybrid_sysid_ros/extensions/report/tests/test_report.py",
     "tests/test_policy_folder.py",
     *("tests/test_executors.py", "tests/test_managed_nodes.py", "tests/test_processes.py", "tests/test_sessions.py"),
     "hybrid_sysid_ros/extensions/export/tests",

@@ -79,12 +79,14 @@ def heating(tmp_path: Path) -> Path:
 
 
 REPORT = """
-from hybrid_sysid_ros import models, report
+from hybrid_sysid_ros import models
+from hybrid_sysid_ros.extensions.shared import report
+from hybrid_sysid_ros.report import closed_loop_section
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 rig = load("./sled")
 model = models.load("model")
-loop = report.closed_loop_section(LoopRecord.from_bag("loop", rig))
+loop = closed_loop_section(LoopRecord.from_bag("loop", rig))
 report.write_report("report.html", report.identification_section(model, []), loop, report.provenance(model, "test"))
 """
 

@@ -44,16 +44,16 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "onnx": re.compile(r"extensions/export/onnx_graph\.py"),
     **dict.fromkeys(("asammdf", "h5py", "nptdms", "pyulog"), re.compile(r"extensions/importing/readers/\w+\.py")),
     "polars": re.compile(r"extensions/importing/readers/\w+\.py"),
-    "plotly": re.compile(r"(extensions/\w+/)?report/.*"),
+    "plotly": re.compile(r"extensions/\w+/report/.*"),
     "mcp": re.compile(r"extensions/commander/language/server\.py"),
     "websockets": re.compile(r"extensions/view/server\.py"),
-    "jinja2": re.compile(r"report/.*"),
+    "jinja2": re.compile(r"extensions/shared/report/.*"),
     "av": re.compile(r"extensions/vision/camera/(film|quantisation)\.py"),
     "PIL": re.compile(r"extensions/(vision/camera/jpeg|commander/language/charts)\.py"),
 }
 AT_THE_TOP = re.compile(
     r"core/casadi_form\.py|extensions/ipopt/interior_point\.py"
-    r"|extensions/policies/(network|training)\.py|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view/server|commander/language/(server|charts))\.py"
+    r"|extensions/policies/(network|training)\.py|extensions/\w+/report/(charts|\w*figures)\.py|extensions/(view/server|commander/language/(server|charts))\.py"
 )
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 
@@ -182,7 +182,10 @@ def test_a_forbidden_import_is_found(file: str, source: str) -> None:
         ("extensions/policies/training.py", "import torch\nfrom hybrid_sysid_ros.estimation import kalman"),
         ("control/mpc/mpc.py", "from . import shooting\nfrom .shooting import Shooting\nfrom ...models import hybrid"),
         ("extensions/recurrent/training.py", "def late():\n    import torch"),
-        ("report/figures.py", "import plotly.graph_objects\nfrom hybrid_sysid_ros.identification import residuals"),
+        (
+            "extensions/view/report/figures.py",
+            "import plotly.graph_objects\nfrom hybrid_sysid_ros import identification",
+        ),
         ("extensions/view/nodes/view.py", "import rclpy\nfrom hybrid_sysid_ros.nodes import topics"),
         ("extensions/view/server.py", "import websockets\nfrom hybrid_sysid_ros.runtime import parameters"),
         ("bags/bag.py", "import rosbags.rosbag2\nfrom hybrid_sysid_ros.support.errors import UserError"),

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.report import closed_loop_section
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
@@ -233,8 +234,8 @@ def test_a_loop_of_two_inputs_and_two_outputs_stands_in_a_report(tmp_path):
     np.testing.assert_allclose(loop.inputs[:-1], pushes[1:])
     np.testing.assert_allclose(loop.command, pushes)
     assert loop.tracking_rmse(output=1) == pytest.approx(2.0)  # mm
-    section = report.closed_loop_section(loop)
-    loop_figures = pytest.importorskip("hybrid_sysid_ros.report.loop_figures")
+    section = closed_loop_section(loop)
+    loop_figures = pytest.importorskip("hybrid_sysid_ros.extensions.shared.report.loop_figures")
     assert section.rmse == pytest.approx({"out": 1.0, "apart": 2.0})
     assert section.units == {"out": "mm", "apart": "mm"}
     for figure in (loop_figures.tracking(section), loop_figures.zoom(section, "apart")):

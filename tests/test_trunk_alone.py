@@ -43,10 +43,9 @@ assert not extensions.registry().problems
 
 def trunk_modules() -> list[str]:
     """Those of the trunk that need nothing but what any install has; its nodes, too, where there is ROS."""
-    late = re.compile(r"(report/(charts|\w*figures))\.py")
     files = [path.relative_to(PACKAGE) for path in PACKAGE.glob("*/**/*.py")]
     files += [Path("nodes") / path.name for path in (ROOT / "nodes").glob("*.py")] if has_ros() else []
-    kept = [path for path in files if "extensions" not in path.parts and not late.fullmatch(str(path))]
+    kept = [path for path in files if "extensions" not in path.parts]
     return sorted(
         {f"hybrid_sysid_ros.{'.'.join(path.with_suffix('').parts)}".removesuffix(".__init__") for path in kept}
     )

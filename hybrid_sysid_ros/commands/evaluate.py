@@ -10,19 +10,18 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.commands import fit_options, options
 from hybrid_sysid_ros.commands.inspections import Inspect, print_inspections
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.score_table import score_table
-from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.evaluation import ModelEvaluation, evaluation
 from hybrid_sysid_ros.identification.validation.unstable import PredictionErrors
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.support.files import check_file
+from hybrid_sysid_ros.support import extensions
 
 EXTENDED_BY = "inspections"
 
@@ -45,9 +44,7 @@ def command(
     """Score a model by strict free run: one initial state, never corrected; it is found as in the model's fit, unless
     options say otherwise. Where a bag has the reference, the whole closed loop is re-simulated from it as well.
     """
-    if report is not None:
-        reports.check_available()
-        check_file(report, suffix=".html")
+    page = None if report is None else extensions.one("pages", "model", "--report needs the extension report")(report)
     loaded = load_model(model, rig=rig).started(initial=initial, initial_samples=initial_samples, warm_up=warm_up)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
@@ -58,9 +55,8 @@ def command(
     for item in found if described.experiments.loops or described.experiments.feedback else ():
         if item.no_loop:
             status.print(f"no closed loop: {item.no_loop}")
-    if report is not None:
-        section = reports.identification_section(loaded, parts)
-        reports.write_report(report, section, None, reports.provenance(loaded, typed()), inspections=further)
+    if page is not None:
+        page.write(loaded, parts, further)
         status.print(str(report))
     if as_json:
         content = {item.name: item.content for item in found}

@@ -10,30 +10,29 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import fit_options, options
 from hybrid_sysid_ros.commands.inspections import Inspect, print_inspections
 from hybrid_sysid_ros.commands.records import check_records, read_records
 from hybrid_sysid_ros.commands.score_table import score_table
-from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
 from hybrid_sysid_ros.identification.shooting import fastest_growth
 from hybrid_sysid_ros.identification.validation.identifiability import doubts, unexplained
 from hybrid_sysid_ros.identification.validation.run_quality import run_quality
-from hybrid_sysid_ros.identification.validation.stages import StageResiduals
+from hybrid_sysid_ros.identification.validation.stages import StageResiduals, stages_of
 from hybrid_sysid_ros.library.models import identify
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.model import FAILED, error_text, finite
 from hybrid_sysid_ros.models.structure import parse
-from hybrid_sysid_ros.report.sections import stages_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import counted
-from hybrid_sysid_ros.support.files import check_file, check_folder
+from hybrid_sysid_ros.support.files import check_folder
 
 EXTENDED_BY = "comparisons"
 AWAY = 10.0  # error of a simulation, in the output's deviation, that says no more than that it runs away
@@ -73,9 +72,7 @@ def command(
 ) -> None:
     """Identify a model from bags."""
     check_folder(out, marker="model.yaml", replace=overwrite)
-    if report is not None:
-        reports.check_available()
-        check_file(report, suffix=".html")
+    page = None if report is None else extensions.one("pages", "model", "--report needs the extension report")(report)
     described = load_rig(rig)
     start = {"initial": initial, "initial_samples": initial_samples, "warm_up": warm_up}
     records = read_records(bag, rig, signals, recover, read_period, input_handling)
@@ -102,10 +99,8 @@ def command(
     further = [compare(model, parts, described) for compare in comparisons]
     print_inspections([] if as_json else further)
     tell = status if as_json else console
-    if report is not None:
-        section = reports.identification_section(model, parts)
-        provenance = reports.provenance(load_model(out, rig=rig), typed())
-        reports.write_report(report, section, None, provenance, inspections=further)
+    if page is not None:
+        page.write(load_model(out, rig=rig), parts, further)
         tell.print(f"report: {report}")
     tell.print(f"{out}: {structure} from {counted(len(records), 'record')} in {model.fit['seconds']:.1f} s")
 

@@ -29,6 +29,7 @@ from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.runtime.parameters import check_rules, grow, unknown
 from hybrid_sysid_ros.runtime.references import KINDS, signal_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError, shown
 from hybrid_sysid_ros.support.text_table import text_table
@@ -99,9 +100,8 @@ class Loop(ClosedLoop):
 
     def plot(self) -> Any:
         """Draw outputs, references and inputs over time: a plotly figure (extra ``report``)."""
-        from hybrid_sysid_ros.report.drawing import loop_figure
-
-        return loop_figure(self.rig, self.time, self.outputs, self.reference, self.inputs)
+        figure = extensions.one("figures", "loop", "plot needs the extension report")
+        return figure(self.rig, self.time, self.outputs, self.reference, self.inputs)
 
 
 class _Checked:

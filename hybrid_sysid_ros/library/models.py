@@ -25,9 +25,9 @@ from hybrid_sysid_ros.library.arguments import PartLike, RigLike, SamplingLike
 from hybrid_sysid_ros.models import Sampling, storage
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError, shown
-from hybrid_sysid_ros.support.extensions import targets
 from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.text_table import text_table
 
@@ -149,9 +149,8 @@ class FreeRun:
 
     def plot(self) -> Any:
         """Draw measured and simulated outputs and their difference: a plotly figure (extra ``report``)."""
-        from hybrid_sysid_ros.report.drawing import free_run_figure
-
-        return free_run_figure(self.rig, self.time, self.measured, self.outputs, self.bands)
+        figure = extensions.one("figures", "free_run", "plot needs the extension report")
+        return figure(self.rig, self.time, self.measured, self.outputs, self.bands)
 
 
 def identify(
@@ -201,7 +200,7 @@ def identify(
             seed=arguments.seed_of(seed),
             progress=arguments.callable_of(progress, "progress", "stage, evaluations, error"),
             refine=not given if refine is None else arguments.flag_of(refine, "refine"),
-            criterion=arguments.choice_of(criterion, "criterion", ("simulation", *targets("criteria"))),
+            criterion=arguments.choice_of(criterion, "criterion", ("simulation", *extensions.targets("criteria"))),
         )
     )
 

@@ -1,29 +1,7 @@
-"""Reports: HTML pages of a model and its loop, which need no network."""
+"""Reports: what is said of a run, a recorded loop and an inspection, as data without figures."""
 
-from hybrid_sysid_ros.report.further import FurtherSection, Inspection
-from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section, ideal_errors
-from hybrid_sysid_ros.report.rendering import check_available, write_report
+from hybrid_sysid_ros.report.inspection import FurtherSection, Inspection
+from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
 from hybrid_sysid_ros.report.run_summary import RunSummary
-from hybrid_sysid_ros.report.sections import (
-    FreeRunSection,
-    IdentificationSection,
-    Provenance,
-    identification_section,
-    provenance,
-)
 
-__all__ = [
-    "ClosedLoopSection",
-    "FreeRunSection",
-    "FurtherSection",
-    "IdentificationSection",
-    "Inspection",
-    "Provenance",
-    "RunSummary",
-    "check_available",
-    "closed_loop_section",
-    "ideal_errors",
-    "identification_section",
-    "provenance",
-    "write_report",
-]
+__all__ = ["ClosedLoopSection", "FurtherSection", "Inspection", "RunSummary", "closed_loop_section"]

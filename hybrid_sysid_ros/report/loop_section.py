@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hybrid_sysid_ros.control import ControlProblem, ExactMpc
+from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
-from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import controller_model, defaults, mpc_problem, wrap_for_rig
+from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
-from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 
 DRIVING = LoopState.DRIVING.word
 SAME_REFERENCE = 1e-3
@@ -112,7 +110,7 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
     windows: dict[str, Window] = {}
     smooth: set[str] = set()
     for schedule in rig.references.values():
-        if _followed(loop, schedule):
+        if follows_schedule(loop, schedule):
             for piece in schedule.segments:
                 windows[piece.name] = Window(output=piece.output, start=piece.start, stop=piece.stop)
                 smooth |= {piece.name} if piece.excitation.kind in SMOOTH else set()
@@ -136,31 +134,6 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
     return ClosedLoopSection(loop=loop, windows=windows, zooms=zooms, bounds=_bounds(loop, rig, problem))
 
 
-def ideal_errors(section: ClosedLoopSection, model: Model, problem: ControlProblem) -> dict[str, float]:
-    """Tracking errors of the ideal loop in a section's windows, in display units: those of the exact MPC of a model and
-    a problem on a plant that is this model, without disturbance and noise, which is then read by the rig's sensors.
-    Empty where the loop followed no reference of its rig.
-    """
-    rig, loop = section.rig, section.loop
-    schedule = next((item for item in rig.references.values() if _followed(loop, item)), None)
-    if schedule is None:
-        return {}
-    system = controller_model(rig, model.system)
-    done = simulated_loop(
-        rig,
-        model,
-        wrap_for_rig(rig, system, ExactMpc(system, problem)),
-        schedule,
-        duration=min(schedule.duration, float(loop.time[-1])),
-        plant=predicted_plant(rig, model.system),
-    )
-    found = {}
-    for name, window in section.windows.items():
-        left = rig.display[window.output].shown(done.tracking_rmse(window.start, window.stop)[window.output])
-        found[name] = float(np.hypot(left, rig.sensors[window.output].floor))
-    return found
-
-
 def _bounds(loop: LoopRecord, rig: Rig, problem: ControlProblem) -> dict[int, tuple[float, float]]:
     """Bounds of the outputs that are states, from the rig's file."""
     names = [item.name for item in rig.system.states]
@@ -172,7 +145,7 @@ def _bounds(loop: LoopRecord, rig: Rig, problem: ControlProblem) -> dict[int, tu
     }
 
 
-def _followed(loop: LoopRecord, schedule: ReferenceSchedule) -> bool:
+def follows_schedule(loop: LoopRecord, schedule: ReferenceSchedule) -> bool:
     """Whether a loop followed a reference schedule of its rig."""
     wanted = schedule(loop.time)
     started = loop.time >= 0.0

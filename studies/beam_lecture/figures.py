@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import plotly.graph_objects as go
 
-from hybrid_sysid_ros.report.charts import MEASURED, MINUS, MODEL, REFERENCE, dress
+from hybrid_sysid_ros.extensions.shared.report.charts import MEASURED, MINUS, MODEL, REFERENCE, dress
 from studies.beam_lecture.report import ProtocolSection
 
 FLOOR = 1e-4  # of 1 - R2

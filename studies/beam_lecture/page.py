@@ -9,8 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.report.rendering import check_available, drawn, identification_content, write_page
-from hybrid_sysid_ros.report.sections import Provenance
+from hybrid_sysid_ros.extensions.shared.report.rendering import (
+    check_available,
+    drawn,
+    identification_content,
+    write_page,
+)
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 from studies.beam_lecture.criteria import ModelCriteria
 from studies.beam_lecture.report import ProtocolSection, StructureResult
 
@@ -22,7 +27,7 @@ def write_protocol(path: Path | str, section: ProtocolSection, provenance: Prove
         UserError: plotly or jinja2 is not installed, or the place cannot be written.
     """
     check_available()
-    from hybrid_sysid_ros.report import figures
+    from hybrid_sysid_ros.extensions.shared.report import figures
     from studies.beam_lecture import figures as protocol_figures
 
     parts = [

@@ -12,9 +12,9 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.fit_options import InputHandlingOption
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.extensions.shared.parallel import Store
 from hybrid_sysid_ros.models import Sampling, structure_names
 from hybrid_sysid_ros.models.structure import complete, options_of, parse

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.shared.horizons import HorizonErrors
+from hybrid_sysid_ros.extensions.shared.report.sections import IdentificationSection, identification_section
 from hybrid_sysid_ros.identification import Part, Scores, free_run
 from hybrid_sysid_ros.identification.identify import experiment_of
-from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
 from hybrid_sysid_ros.models import Model
-from hybrid_sysid_ros.report.sections import IdentificationSection, identification_section
 from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

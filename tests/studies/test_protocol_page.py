@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import report
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture.page import write_protocol

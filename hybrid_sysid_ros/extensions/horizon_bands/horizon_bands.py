@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.extensions.shared.horizons import LONGEST, default_horizons
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.standard_errors import student_factor
 from hybrid_sysid_ros.identification.validation.bands import LEVELS, excursion_of, freedom_of
-from hybrid_sysid_ros.identification.validation.horizons import LONGEST, default_horizons
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut
 from hybrid_sysid_ros.identification.validation.scores import free_run_states
 from hybrid_sysid_ros.models import Model

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.identification.experiment import ResampledRecord
+from hybrid_sysid_ros.identification.experiment import ResampledRecord, resample
+from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.residual_tests import LAGS, ResidualTest, independence, whiteness
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
+from hybrid_sysid_ros.models import Model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,3 +54,13 @@ def compare_stages(stages: Mapping[str, System], record: ResampledRecord) -> Ite
                 whiteness=whiteness(errors[:-1, k], lags=lags),
                 independence=independence(errors[:-1, k], record.means[:-1, 0], lags=lags),
             )
+
+
+def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[StageResiduals, ...]:
+    """Residuals of a model's stages on (parts of) records; empty where it has no stages.
+
+    Raises UserError where a record does not fit the model's sampling.
+    """
+    stages, sampling = model.kind.stages(model.system), model.sampling
+    parts = (resample(part.of(record, sampling), sampling) for record, part in records) if stages else ()
+    return tuple(row for item in parts for row in compare_stages(stages, item))

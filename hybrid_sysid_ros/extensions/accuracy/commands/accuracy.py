@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.options import Json, Seed
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows, write_accuracy
@@ -30,6 +29,7 @@ from hybrid_sysid_ros.extensions.accuracy.statistics import (
     spread_width,
 )
 from hybrid_sysid_ros.extensions.accuracy.statistics.sequential import ASSURANCE, Width
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file, sha256
 

@@ -11,7 +11,6 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.options import ClusterAddress, Json, RigPlace, Seed
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.extensions.accuracy.mockup import ShotPlan, mockup
@@ -21,6 +20,7 @@ from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import parameter_ro
 from hybrid_sysid_ros.extensions.accuracy.setup import Setup
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy
 from hybrid_sysid_ros.extensions.accuracy.verdict import Found
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.extensions.shared.parallel import Store, resumed, workers_for
 from hybrid_sysid_ros.extensions.shared.workers import Lost
 from hybrid_sysid_ros.models import load as load_model

@@ -9,7 +9,16 @@ from scipy import stats
 
 from hybrid_sysid_ros.extensions.accuracy.statistics import Accuracy, NormalInverseWishart, mean_width, spread_width
 from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import fewest
-from hybrid_sysid_ros.report.charts import BOUND, MEASURED, MODEL, REFERENCE, dress, line, logarithmic, panels
+from hybrid_sysid_ros.extensions.shared.report.charts import (
+    BOUND,
+    MEASURED,
+    MODEL,
+    REFERENCE,
+    dress,
+    line,
+    logarithmic,
+    panels,
+)
 from hybrid_sysid_ros.support.arrays import Array
 
 AHEAD = 2.0

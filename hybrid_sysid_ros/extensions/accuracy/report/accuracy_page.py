@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hybrid_sysid_ros.extensions.accuracy.statistics import Accuracy, Bounded
-from hybrid_sysid_ros.report.rendering import check_available, drawn, write_page
-from hybrid_sysid_ros.report.sections import Provenance
+from hybrid_sysid_ros.extensions.shared.report.rendering import check_available, drawn, write_page
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 
 
 @dataclass(frozen=True, kw_only=True)

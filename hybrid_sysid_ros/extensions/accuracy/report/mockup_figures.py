@@ -7,7 +7,18 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from hybrid_sysid_ros.extensions.accuracy.verdict import Found
-from hybrid_sysid_ros.report.charts import INPUT, LINES, MEASURED, REFERENCE, dress, line, panels, scaled, timed, titled
+from hybrid_sysid_ros.extensions.shared.report.charts import (
+    INPUT,
+    LINES,
+    MEASURED,
+    REFERENCE,
+    dress,
+    line,
+    panels,
+    scaled,
+    timed,
+    titled,
+)
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 POINTS = 400  # of a distribution at most

@@ -8,8 +8,8 @@ from typing import Any
 
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
 from hybrid_sysid_ros.extensions.accuracy.verdict import Found
-from hybrid_sysid_ros.report.rendering import check_available, drawn, write_page
-from hybrid_sysid_ros.report.sections import Provenance
+from hybrid_sysid_ros.extensions.shared.report.rendering import check_available, drawn, write_page
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy, assess, read_shots
-from hybrid_sysid_ros.report.charts import logarithmic
+from hybrid_sysid_ros.extensions.shared.report.charts import logarithmic
 from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.accuracy.loop_measures import loop_numbers
 from hybrid_sysid_ros.extensions.accuracy.mockup import ShotPlan, compared, latency_of, mockup
@@ -18,6 +17,7 @@ from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns
 from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import write_mockup
 from hybrid_sysid_ros.extensions.accuracy.setup import Setup
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy, ShotQuantity, Verdict, compare, overall
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.plant import Plant

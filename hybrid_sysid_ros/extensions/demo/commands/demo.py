@@ -11,17 +11,19 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import options, terminal
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.extensions.shared.demo_loop import OUT, run_loop, tracked
+from hybrid_sysid_ros.extensions.shared import report
+from hybrid_sysid_ros.extensions.shared.demo_loop import OUT, ideal_errors, run_loop, tracked
 from hybrid_sysid_ros.extensions.shared.demo_recipe import DemoRecipe, RecordSplit
 from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
 from hybrid_sysid_ros.identification.identify import experiment_of, scores_of
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.report import RunSummary, closed_loop_section
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, processes
@@ -113,9 +115,9 @@ def demo(
     loop = LoopRecord.from_bag(bag, described)
     terminal.status.print("3 comparing with the exact MPC on the same plant")
     ratio = _cost_ratio(described, used, imitation, plan.reference, seed)
-    section = report.closed_loop_section(loop, described)
-    section = replace(section, ideal=report.ideal_errors(section, used, imitation.problem))
-    run = report.RunSummary.of(
+    section = closed_loop_section(loop, described)
+    section = replace(section, ideal=ideal_errors(section, used, imitation.problem))
+    run = RunSummary.of(
         diagnostics, described, bag=bag, section=section, folders={"model": model_folder, "policy": policy_folder}
     )
     summary = {

@@ -10,13 +10,13 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.frequency_response import comparison
 from hybrid_sysid_ros.extensions.frequency_response.report.page import write_page_of
+from hybrid_sysid_ros.extensions.shared import report as reports
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.models import load as load_model

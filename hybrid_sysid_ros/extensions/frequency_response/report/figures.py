@@ -7,7 +7,17 @@ import plotly.graph_objects as go
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.frequency_response.comparison import WIDTHS, ResponseComparison, gain, phase
-from hybrid_sysid_ros.report.charts import ERROR, MEASURED, MODEL, REFERENCE, area, dress, line, logarithmic, panels
+from hybrid_sysid_ros.extensions.shared.report.charts import (
+    ERROR,
+    MEASURED,
+    MODEL,
+    REFERENCE,
+    area,
+    dress,
+    line,
+    logarithmic,
+    panels,
+)
 
 
 def bode(found: ResponseComparison, system: System, output: int, channel: int) -> go.Figure:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hybrid_sysid_ros.extensions.frequency_response.comparison import ResponseComparison, response_sentence
+from hybrid_sysid_ros.extensions.shared.report.rendering import drawn, write_page
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 from hybrid_sysid_ros.models import Model
-from hybrid_sysid_ros.report.rendering import drawn, write_page
-from hybrid_sysid_ros.report.sections import Provenance
 
 
 def write_page_of(path: Path, model: Model, found: Sequence[ResponseComparison], provenance: Provenance) -> Path:

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.friction_atlas.friction_curve import FrictionCurve
-from hybrid_sysid_ros.report.charts import LINES, dress
+from hybrid_sysid_ros.extensions.shared.report.charts import LINES, dress
 
 
 def friction(curves: Mapping[str, FrictionCurve], velocity: Variable, item: Variable) -> go.Figure:

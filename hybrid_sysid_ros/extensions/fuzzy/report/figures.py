@@ -8,7 +8,7 @@ from plotly.subplots import make_subplots
 
 from hybrid_sysid_ros.extensions.fuzzy.memberships import memberships as memberships_at
 from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
-from hybrid_sysid_ros.report.charts import LINES, dress
+from hybrid_sysid_ros.extensions.shared.report.charts import LINES, dress
 
 MEMBERSHIP_POINTS = 201
 

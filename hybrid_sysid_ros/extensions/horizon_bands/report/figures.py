@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from hybrid_sysid_ros.extensions.horizon_bands.horizon_bands import HorizonBands
-from hybrid_sysid_ros.report.charts import ERROR, area, dress, line, logarithmic, panels, titled
+from hybrid_sysid_ros.extensions.shared.report.charts import ERROR, area, dress, line, logarithmic, panels, titled
 from hybrid_sysid_ros.rigs.rig import Rig
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from hybrid_sysid_ros.extensions.loop_bands.loop_bands import LoopBands
-from hybrid_sysid_ros.report.charts import MEASURED, MODEL, POINTS, area, dress, line, panels, titled
+from hybrid_sysid_ros.extensions.shared.report.charts import MEASURED, MODEL, POINTS, area, dress, line, panels, titled
 from hybrid_sysid_ros.rigs.rig import Rig
 
 HEIGHT = 320

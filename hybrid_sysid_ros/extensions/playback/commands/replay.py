@@ -10,11 +10,12 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.commands import options, terminal
 from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, ReplayComparison, compare
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256, write_text

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from hybrid_sysid_ros.extensions.playback.comparison import Compared
-from hybrid_sysid_ros.report.charts import ERROR, MEASURED, MINUS, MODEL, line, panels, timed
+from hybrid_sysid_ros.extensions.shared.report.charts import ERROR, MEASURED, MINUS, MODEL, line, panels, timed
 
 
 def both(number: Compared) -> go.Figure:

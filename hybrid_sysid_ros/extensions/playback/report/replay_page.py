@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from hybrid_sysid_ros.extensions.playback.comparison import AHEAD, SETTLED, ReplayComparison
-from hybrid_sysid_ros.report.rendering import check_available, drawn, write_page
-from hybrid_sysid_ros.report.sections import Provenance
+from hybrid_sysid_ros.extensions.shared.report.rendering import check_available, drawn, write_page
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 
 
 def write_replay(

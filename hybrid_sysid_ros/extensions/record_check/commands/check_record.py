@@ -10,7 +10,6 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.records import check_names
@@ -18,6 +17,7 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status, typ
 from hybrid_sysid_ros.extensions.record_check.check import findings_of
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding, sentence
 from hybrid_sysid_ros.extensions.record_check.report.record_page import write_record_page
+from hybrid_sysid_ros.extensions.shared import report as reports
 from hybrid_sysid_ros.library.records import checked_bag
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs.rig import load as load_rig

@@ -8,7 +8,18 @@ from scipy.signal import coherence, welch
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.record_check.response import expected_outputs
-from hybrid_sysid_ros.report.charts import INPUT, LINES, MEASURED, MODEL, POINTS, dress, line, panels, timed, titled
+from hybrid_sysid_ros.extensions.shared.report.charts import (
+    INPUT,
+    LINES,
+    MEASURED,
+    MODEL,
+    POINTS,
+    dress,
+    line,
+    panels,
+    timed,
+    titled,
+)
 from hybrid_sysid_ros.rigs.rig import Rig
 
 SEGMENTS = 8

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.extensions.record_check.finding import RecordFinding, sentence
-from hybrid_sysid_ros.report.rendering import check_available, drawn, write_page
-from hybrid_sysid_ros.report.sections import Provenance
+from hybrid_sysid_ros.extensions.shared.report.rendering import check_available, drawn, write_page
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 from hybrid_sysid_ros.rigs.rig import Rig
 
 

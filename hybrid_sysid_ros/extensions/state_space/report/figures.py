@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import plotly.graph_objects as go
 
+from hybrid_sysid_ros.extensions.shared.report.charts import BOUND, MEASURED, dress
 from hybrid_sysid_ros.extensions.state_space.state_space import StateSpace
-from hybrid_sysid_ros.report.charts import BOUND, MEASURED, dress
 
 
 def order_figure(system: StateSpace) -> go.Figure:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import plotly.graph_objects as go
 
+from hybrid_sysid_ros.extensions.shared.report.charts import LINES, REFERENCE, dress
+from hybrid_sysid_ros.extensions.shared.report.sections import FreeRunSection, IdentificationSection
 from hybrid_sysid_ros.extensions.trained_range.motion import PER_OUTPUT
 from hybrid_sysid_ros.extensions.trained_range.trained_range import TrainedRange
 from hybrid_sysid_ros.report import FurtherSection
-from hybrid_sysid_ros.report.charts import LINES, REFERENCE, dress
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
-from hybrid_sysid_ros.report.sections import FreeRunSection, IdentificationSection
 from hybrid_sysid_ros.support.arrays import Array
 
 MOST = 400

@@ -11,13 +11,13 @@ import typer
 
 from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.terminal import console, status, typed
+from hybrid_sysid_ros.extensions.shared.report.rendering import check_available
+from hybrid_sysid_ros.extensions.shared.report.sections import provenance
 from hybrid_sysid_ros.extensions.tuning import tuning
 from hybrid_sysid_ros.extensions.tuning.front import opened_trials
 from hybrid_sysid_ros.extensions.tuning.loops import Loops
 from hybrid_sysid_ros.extensions.tuning.report.front_page import write_front
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.report.rendering import check_available
-from hybrid_sysid_ros.report.sections import provenance
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.files import check_folder

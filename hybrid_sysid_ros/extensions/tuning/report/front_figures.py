@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from hybrid_sysid_ros.extensions.shared.report.charts import BOUND, INPUT, MEASURED, MODEL, REFERENCE, dress
 from hybrid_sysid_ros.extensions.tuning.front import TuningTrial
-from hybrid_sysid_ros.report.charts import BOUND, INPUT, MEASURED, MODEL, REFERENCE, dress
 
 
 def front(trials: Sequence[TuningTrial], best_ones: Sequence[TuningTrial], best: TuningTrial) -> go.Figure:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hybrid_sysid_ros.extensions.shared.report.rendering import check_available, drawn, write_page
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 from hybrid_sysid_ros.extensions.tuning import tuning
 from hybrid_sysid_ros.extensions.tuning.front import front_of
 from hybrid_sysid_ros.extensions.tuning.loops import Loops
 from hybrid_sysid_ros.extensions.tuning.tuning import Tuned
-from hybrid_sysid_ros.report.rendering import check_available, drawn, write_page
-from hybrid_sysid_ros.report.sections import Provenance
 
 
 def write_front(path: Path, loops: Loops, tuned: Tuned, provenance: Provenance) -> Path:

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.commands.terminal import print_lines, print_table, status, typed
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.extensions.shared.demo_loop import OUT, run_loop, tracked
 from hybrid_sysid_ros.extensions.shared.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.extensions.vision import camera_loop
@@ -33,6 +34,7 @@ from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord,
 from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.report import RunSummary, closed_loop_section
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, processes
@@ -123,8 +125,8 @@ def camera_demo(
         companions=[Vision(layers=layers_folder)],
         seed=seed,
     )
-    loop = report.closed_loop_section(LoopRecord.from_bag(bag, described), described)
-    run = report.RunSummary.of(diagnostics, described, bag=bag, section=loop)
+    loop = closed_loop_section(LoopRecord.from_bag(bag, described), described)
+    run = RunSummary.of(diagnostics, described, bag=bag, section=loop)
     status.print("4 predicting the pictures of the film")
     ahead = image_prediction.of_video(film, model, described, recorded, record, layers, exposure=CAMERA.exposure)
     if not quiet:

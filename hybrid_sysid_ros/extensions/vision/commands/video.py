@@ -14,9 +14,10 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.commands.options import Json, Overwrite, RigName
 from hybrid_sysid_ros.commands.terminal import console, print_table, status, typed
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.extensions.vision.camera.film import format_of, pictures
 from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hybrid_sysid_ros.extensions.shared.report.rendering import check_available, write_page
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 from hybrid_sysid_ros.extensions.vision.reading.film_check import FilmCheck
 from hybrid_sysid_ros.extensions.vision.scene import has_scene, scene_of, turning
-from hybrid_sysid_ros.report.rendering import check_available, write_page
-from hybrid_sysid_ros.report.sections import Provenance
 from hybrid_sysid_ros.rigs.rig import Rig
 
 

@@ -12,6 +12,16 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.extensions.shared.report.charts import (
+    BOUND,
+    ERROR,
+    MEASURED,
+    MODEL,
+    REFERENCE,
+    line,
+    panels,
+    timed,
+)
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import Judged
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReading
@@ -20,7 +30,6 @@ from hybrid_sysid_ros.extensions.vision.reading.joint_reference import MotionSou
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.synchronisation import low_passed
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord
-from hybrid_sysid_ros.report.charts import BOUND, ERROR, MEASURED, MODEL, REFERENCE, line, panels, timed
 
 STRETCHED = 6.0  # times that what is left of a picture is shown
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from hybrid_sysid_ros.extensions.shared.report.rendering import check_available, closed_content, drawn, write_page
+from hybrid_sysid_ros.extensions.shared.report.sections import Provenance
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading.film_quantity import film_quantities
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, calibrated, contradictions
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
-from hybrid_sysid_ros.report.rendering import check_available, closed_content, drawn, write_page
-from hybrid_sysid_ros.report.sections import Provenance
 
 SHOWN = 4  # predicted pictures
 

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.extensions.vision.camera.filming import experiment, filmed
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.extensions.vision.camera_loop import frame_noise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,18 +11,15 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.extras import extra
 
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
 HEIGHT, LOW = 230, 130
 """Height of a panel with an output, and of one with an error or an input [pixels]."""
 
 
 def free_run_figure(
     rig: Rig, time: Array, measured: Array, simulated: Array, bands: Mapping[float, Array] | None = None
-) -> Figure:
-    """Measured and simulated outputs (samples, p) [SI], each with its difference below. bands: half widths
-    (samples, p) by level. Raises UserError without plotly.
+) -> Any:
+    """A plotly figure of measured and simulated outputs (samples, p) [SI], each with its difference
+    below. bands: half widths (samples, p) by level. Raises UserError without plotly.
     """
     rows = [height for _ in rig.display for height in (HEIGHT, LOW)]
     charts, figure = _panels(rows)
@@ -41,9 +38,9 @@ def free_run_figure(
     return charts.timed(figure, len(rows))
 
 
-def loop_figure(rig: Rig, time: Array, outputs: Array, references: Array, inputs: Array) -> Figure:
-    """Outputs with their references (samples, p), and inputs (samples, m) with their bounds, SI. Raises UserError
-    without plotly.
+def loop_figure(rig: Rig, time: Array, outputs: Array, references: Array, inputs: Array) -> Any:
+    """A plotly figure of outputs with their references (samples, p), and inputs (samples, m) with their
+    bounds, SI. Raises UserError without plotly.
     """
     rows = [HEIGHT] * len(rig.display) + [LOW] * len(rig.actuators)
     charts, figure = _panels(rows)
@@ -65,9 +62,9 @@ def loop_figure(rig: Rig, time: Array, outputs: Array, references: Array, inputs
     return charts.timed(figure, len(rows))
 
 
-def _panels(rows: list[int]) -> tuple[Any, Figure]:
+def _panels(rows: list[int]) -> tuple[Any, Any]:
     """The module of charts, which needs plotly, and panels of these heights."""
     with extra("report"):
-        from hybrid_sysid_ros.report import charts
+        from hybrid_sysid_ros.extensions.shared.report import charts
     height = sum(rows) + 70
     return charts, charts.panels(heights=[row / sum(rows) for row in rows], height=height)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hybrid_sysid_ros.report.sections import IdentificationSection
+from hybrid_sysid_ros.extensions.shared.report.sections import IdentificationSection
 
 FAILED = {
     "phi_ee": "what is left can be foreseen from its own past: an offset that wanders, or noise that moves the rig. In "

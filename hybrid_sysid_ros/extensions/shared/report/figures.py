@@ -8,9 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
-from hybrid_sysid_ros.report import charts
-from hybrid_sysid_ros.report.sections import FreeRunSection, IdentificationSection
+from hybrid_sysid_ros.extensions.shared.horizons import HorizonErrors
+from hybrid_sysid_ros.extensions.shared.report import charts
+from hybrid_sysid_ros.extensions.shared.report.sections import FreeRunSection, IdentificationSection
 from hybrid_sysid_ros.rigs.sensor import Display
 
 LABEL = 20

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.report import charts
+from hybrid_sysid_ros.extensions.shared.report import charts
 from hybrid_sysid_ros.report.loop_section import DRIVING, ClosedLoopSection
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.core import simulate
+from hybrid_sysid_ros.extensions.shared.horizons import k_step_errors
 from hybrid_sysid_ros.identification import PreparedRecord, score
-from hybrid_sysid_ros.identification.validation.horizons import k_step_errors
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture.report import averaged

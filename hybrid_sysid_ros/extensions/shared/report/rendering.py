@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from hybrid_sysid_ros.extensions.shared.report.residual_patterns import patterns
+from hybrid_sysid_ros.extensions.shared.report.sections import FREE, FreeRunSection, IdentificationSection, Provenance
+from hybrid_sysid_ros.extensions.shared.report.verdict import verdict
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
-from hybrid_sysid_ros.report.further import Inspection, further_sections
+from hybrid_sysid_ros.report.inspection import FurtherSection, Inspection
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
-from hybrid_sysid_ros.report.residual_patterns import patterns
 from hybrid_sysid_ros.report.run_summary import RunSummary
-from hybrid_sysid_ros.report.sections import FREE, FreeRunSection, IdentificationSection, Provenance
-from hybrid_sysid_ros.report.verdict import verdict
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.extras import extra
@@ -72,13 +72,28 @@ def write_report(
             }
             for name, made in [
                 *((item.name, item.section) for item in inspections),
-                *further_sections(identification, closed_loop),
+                *_further_sections(identification, closed_loop),
             ]
         ],
         "provenance": provenance,
         "hashes": _hashes(identification, closed_loop, provenance),
     }
     return write_page(path, TEMPLATES / "page.html", content)
+
+
+def _further_sections(
+    identification: IdentificationSection, closed_loop: ClosedLoopSection | None
+) -> Iterator[tuple[str, FurtherSection]]:
+    """Name and section of each extension that has one for this model and loop. A section that fails is replaced by the
+    reason, so that the rest of a report does not depend on it.
+    """
+    for name, make in extensions.provided("report").items():
+        try:
+            made = make(identification, closed_loop)
+        except Exception as error:  # another package's code can raise anything
+            made = FurtherSection(title=name, text=f"This section could not be made: {type(error).__name__}: {error}")
+        if made is not None:
+            yield name, made
 
 
 def _drawing(rig: str) -> str:
@@ -124,7 +139,7 @@ def drawn(figure: Any, name: str) -> str:
 
 def identification_content(section: IdentificationSection, prefix: str = "") -> dict[str, Any]:
     """Content of a page's blocks on a model and its free runs; prefix: that of the figures' ids."""
-    from hybrid_sysid_ros.report import figures
+    from hybrid_sysid_ros.extensions.shared.report import figures
 
     runs, kind, system = section.runs, section.model.kind, section.model.system
     curves: dict[str, list[FreeRunSection]] = {}  # by output, since each has its own unit
@@ -198,7 +213,7 @@ def amount(value: float, unit: str) -> str:
 
 def _run(run: FreeRunSection, section: IdentificationSection) -> dict[str, Any]:
     """A row of the tables of free runs."""
-    from hybrid_sysid_ros.report.charts import second_scale
+    from hybrid_sysid_ros.extensions.shared.report.charts import second_scale
 
     display, actuated = run.display, section.model.system.inputs[0]
     shown = float(display.shown(run.scores.rmse))
@@ -230,7 +245,7 @@ def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
 
 def closed_content(section: ClosedLoopSection) -> dict[str, Any]:
     """Content of a page's blocks on a recorded loop."""
-    from hybrid_sysid_ros.report import loop_figures
+    from hybrid_sysid_ros.extensions.shared.report import loop_figures
 
     loop = section.loop
     return {

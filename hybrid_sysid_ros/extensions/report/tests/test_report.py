@@ -8,14 +8,15 @@ import sys
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import report
+from hybrid_sysid_ros.extensions.shared import report
+from hybrid_sysid_ros.extensions.shared.report.figures import horizons, residual_tests
+from hybrid_sysid_ros.extensions.shared.report.rendering import seconds, significant
+from hybrid_sysid_ros.extensions.shared.report.residual_patterns import patterns
+from hybrid_sysid_ros.extensions.shared.report.sections import TESTS
+from hybrid_sysid_ros.extensions.shared.report.verdict import verdict
 from hybrid_sysid_ros.identification import Part, Scores, evaluate
 from hybrid_sysid_ros.identification.validation.residual_tests import independence, whiteness
-from hybrid_sysid_ros.report.figures import horizons, residual_tests
-from hybrid_sysid_ros.report.rendering import seconds, significant
-from hybrid_sysid_ros.report.residual_patterns import patterns
-from hybrid_sysid_ros.report.sections import TESTS
-from hybrid_sysid_ros.report.verdict import verdict
+from hybrid_sysid_ros.report import RunSummary, closed_loop_section
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.support.errors import UserError
 from tests.report_bench import RIG, Page, loop_of, model_of, record
@@ -42,7 +43,7 @@ def section(model, first):
 @pytest.fixture(scope="module")
 def text(section, model, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "new" / "report.html"
-    loop = report.closed_loop_section(loop_of(), RIG)
+    loop = closed_loop_section(loop_of(), RIG)
     assert report.write_report(path, section, loop, report.provenance(model, "make demo < now")) == path
     return path.read_text(encoding="utf-8")
 
@@ -149,7 +150,7 @@ def test_a_loop_of_a_rig_that_is_disturbed_says_so(section, model, tmp_path):
     """A hand on the drill string's brake, which would else be taken for a poor controller."""
     loop, brake = loop_of(), dataclasses.replace(RIG, disturbances={1: Excitation(kind="pulses", numbers={})})
     for rig, reported in ((RIG, 0), (brake, 1)):
-        closed = report.closed_loop_section(dataclasses.replace(loop, rig=rig))
+        closed = closed_loop_section(dataclasses.replace(loop, rig=rig))
         path = report.write_report(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
         page = Page(path.read_text(encoding="utf-8")).text
         assert page.count("which no model knows: velocity [rad/s]") == reported
@@ -172,8 +173,8 @@ def test_the_loop_is_judged_on_the_windows_of_the_hardware_reference(text):
 
 def test_the_report_says_of_a_run_what_the_terminal_does(section, model, tmp_path):
     plant = {"measurements": 100, "missed_commands": 9, "delay_ms_p50": 1.0, "delay_ms_p99": 2.0, "delay_ms_max": 7.0}
-    loop = report.closed_loop_section(loop_of(), RIG)
-    run = report.RunSummary.of({"plant": plant}, RIG, section=loop)
+    loop = closed_loop_section(loop_of(), RIG)
+    run = RunSummary.of({"plant": plant}, RIG, section=loop)
     path = report.write_report(tmp_path / "report.html", section, loop, report.provenance(model, "demo"), run)
     page = Page(path.read_text(encoding="utf-8")).text
     for name, words in run.lines.items():
@@ -184,12 +185,12 @@ def test_the_report_says_of_a_run_what_the_terminal_does(section, model, tmp_pat
 
 def test_a_report_begins_with_a_judgement_of_model_and_loop(section):
     lowest = math.floor(1e3 * min(run.scores.r2 for run in section.runs if run.seen is False)) / 1e3
-    found = verdict(section, report.RunSummary(missed=0, measurements=9, share=0.02), "The shipped policy drove it.")
+    found = verdict(section, RunSummary(missed=0, measurements=9, share=0.02), "The shipped policy drove it.")
     assert f"R² of at least {lowest:.3f}" in found["model"].words
     assert "times the noise of the sensors" in found["model"].words
     assert found["driver"].words.startswith("The shipped policy drove it.")
     assert (found["tracking"].grade, found["driver"].grade) == ("good", "good")
-    failed = verdict(section, report.RunSummary(missed=0, measurements=9, share=0.8, failsafe={"resting": 2}), "")
+    failed = verdict(section, RunSummary(missed=0, measurements=9, share=0.8, failsafe={"resting": 2}), "")
     assert "does NOT follow" in failed["tracking"].words
     assert "resting, 2 times" in failed["driver"].words
     assert (failed["tracking"].grade, failed["driver"].grade) == ("bad", "fair")
@@ -198,7 +199,7 @@ def test_a_report_begins_with_a_judgement_of_model_and_loop(section):
 
 def test_a_loop_in_which_the_network_hardly_answered_is_not_called_its_own(section):
     layers, rejections = {"exact": 99, "policy": 1}, {"improved by one step": 0.12}
-    run = report.RunSummary(missed=0, measurements=100, share=0.02, layers=layers, rejections=rejections)
+    run = RunSummary(missed=0, measurements=100, share=0.02, layers=layers, rejections=rejections)
     found = verdict(section, run, "The shipped policy drove it.")["driver"]
     assert found.grade == "fair"
     assert "the exact MPC gave 99 % of the answers" in found.words
@@ -206,15 +207,15 @@ def test_a_loop_in_which_the_network_hardly_answered_is_not_called_its_own(secti
 
 
 def test_a_disturbed_loop_is_not_bad_because_the_ideal_one_is_not_disturbed(section):
-    run = report.RunSummary(missed=0, measurements=9, share=0.2, ratio=4.0, disturbed=["brake [N m]"])
+    run = RunSummary(missed=0, measurements=9, share=0.2, ratio=4.0, disturbed=["brake [N m]"])
     found = verdict(section, run, "")["tracking"]
     assert found.grade == "fair"
     assert "brake [N m]" in found.words
 
 
 def test_tracking_is_judged_beside_the_ideal_loop(section, model, tmp_path):
-    loop = dataclasses.replace(report.closed_loop_section(loop_of(), RIG), ideal={"steps": 0.05, "sine": 0.09})
-    run = report.RunSummary.of({}, RIG, section=loop)
+    loop = dataclasses.replace(closed_loop_section(loop_of(), RIG), ideal={"steps": 0.05, "sine": 0.09})
+    run = RunSummary.of({}, RIG, section=loop)
     assert run.ratio == pytest.approx(2.0, rel=1e-3)
     assert "at most 2.00 times that of the ideal loop" in run.lines["tracking"]
     assert "ideal loop" in verdict(section, run, "")["tracking"].words
@@ -305,7 +306,7 @@ def test_a_model_that_diverges_makes_a_report(model, first, tmp_path):
 def test_a_loop_in_simulated_time_shows_its_turnaround(section, model, tmp_path):
     loop = loop_of()
     lockstep = dataclasses.replace(loop, delay=np.full_like(loop.delay, np.nan))
-    closed = report.closed_loop_section(lockstep)
+    closed = closed_loop_section(lockstep)
     path = report.write_report(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
     assert "Simulated time" in Page(path.read_text(encoding="utf-8")).text
 
@@ -313,13 +314,13 @@ def test_a_loop_in_simulated_time_shows_its_turnaround(section, model, tmp_path)
 def test_another_reference_is_judged_as_a_whole():
     loop = loop_of()
     other = dataclasses.replace(loop, reference=1.5 * loop.reference)
-    assert list(report.closed_loop_section(other).windows) == ["whole run"]
-    short = report.closed_loop_section(loop_of(duration=8.0))
+    assert list(closed_loop_section(other).windows) == ["whole run"]
+    short = closed_loop_section(loop_of(duration=8.0))
     assert list(short.windows) == ["steps"]
 
 
 def test_the_zoom_shows_the_largest_step():
-    zoom = report.closed_loop_section(loop_of()).zooms["steps"]
+    zoom = closed_loop_section(loop_of()).zooms["steps"]
     levels = RIG.schedule().of(0)(np.arange(29) + 0.5)
     assert zoom.start < 1 + np.argmax(np.abs(np.diff(levels))) < zoom.stop
 

@@ -10,16 +10,15 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, rollouts
+from hybrid_sysid_ros.extensions.shared.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification import Part, Scores, score
-from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.identification.validation import residual_tests
 from hybrid_sysid_ros.identification.validation.bands import bands_of
-from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
 from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulate
-from hybrid_sysid_ros.identification.validation.stages import StageResiduals, compare_stages
+from hybrid_sysid_ros.identification.validation.stages import StageResiduals, stages_of
 from hybrid_sysid_ros.identification.validation.unstable import stabilised_run
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
@@ -126,16 +125,6 @@ def identification_section(model: Model, records: Iterable[tuple[Record, Part]])
     used = list(records)
     runs = tuple(run for record, part in used for run in free_runs_of(model, record, part))
     return IdentificationSection(model=model, runs=runs, stages=stages_of(model, used))
-
-
-def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[StageResiduals, ...]:
-    """Residuals of a model's stages on (parts of) records; empty where it has no stages.
-
-    Raises UserError where a record does not fit the model's sampling.
-    """
-    stages, sampling = model.kind.stages(model.system), model.sampling
-    parts = (resample(part.of(record, sampling), sampling) for record, part in records) if stages else ()
-    return tuple(row for item in parts for row in compare_stages(stages, item))
 
 
 def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSection]:

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import floor, isfinite
 
+from hybrid_sysid_ros.extensions.shared.report.sections import IdentificationSection
 from hybrid_sysid_ros.identification.validation.judgement import NOISE, ROUGHLY, WELL, noise_floors
 from hybrid_sysid_ros.report.run_summary import RunSummary
-from hybrid_sysid_ros.report.sections import IdentificationSection
 from hybrid_sysid_ros.rigs import rig as rigs
 
 CLOSE, FAR = 1.2, 2.0

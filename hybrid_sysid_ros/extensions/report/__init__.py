@@ -1,0 +1,1 @@
+"""Report: pages of HTML on models, and figures in notebooks."""
