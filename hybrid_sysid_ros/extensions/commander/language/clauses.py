@@ -102,6 +102,8 @@ class Clause:
     at_full_speed: str = ""
     """That it is how another value is gone to, or the value itself where there is none."""
     here: str = ""
+    from_home: str = ""
+    """That a change is counted from where all is 0, and not from where it is."""
     bit: str = ""
     smoothly: bool = False
     displacing: Symbol | None = None
@@ -119,6 +121,11 @@ class Clause:
     def adjacent(self, first: Symbol, second: Symbol) -> bool:
         """Whether nothing stands between two verbs."""
         return (first, second) in self.neighbours
+
+    @property
+    def said(self) -> list[str]:
+        """Its verbs."""
+        return [symbol.value for symbol in self.verbs]
 
     @property
     def empty(self) -> bool:

@@ -46,7 +46,7 @@ class ConditionReader(QuantityReader):
         if at_once or later or equals:
             self.at += begin + at_once if at_once else count + later
             side = side if at_once else other
-            if words[-1] in ("until", "till") and not side and self.moves() and not (named and self.has_level()):
+            if when == "until" and not side and self.moves() and not (named and self.has_level()):
                 self.found += [Symbol("T", "to", start), *named[:1]]  # "climb at 2 m/s until the height is 200 m"
                 return True
             when = "once" if when == "if" and (event or not side) else when

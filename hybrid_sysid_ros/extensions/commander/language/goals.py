@@ -67,7 +67,7 @@ class Goals(Values):
         if self.clause.bit and not all(goal.relative for goal in found):
             raise UserError(f"{self.clause.bit!r} and a value contradict one another: leave one out")
         if len({goal.output for goal in found}) < len(found):
-            raise UserError(f"{self.verb} has several values of one output: join them by 'then'")
+            raise IncompleteError(f"{self.verb} has several values of one output: join them by 'then'")
         if unused := [k for k in self.clause.targets if k not in {goal.output for goal in found}]:
             raise IncompleteError(f"{self.vocabulary.outputs[unused[0]].name} to what? say a value of it")
         self.clause.bit = ""  # "up a bit, by 1 m"
@@ -142,6 +142,9 @@ class Goals(Values):
         if relative and sign and item.value < 0.0:
             raise UserError(f"{item.text}: a direction and a sign contradict one another: leave one out")
         value = (sign or 1.0 if relative else 1.0) * self.value(item, output, relative)
+        if self.clause.from_home and relative:
+            self.clause.from_home = ""
+            return Goal(output=output, value=value)  # "20 degrees to the left of straight ahead"
         return self.turned(Goal(output=output, value=value, relative=relative, toward=sign), sign)
 
     def turned(self, goal: Goal, sign: float) -> Goal:
@@ -242,5 +245,5 @@ class Goals(Values):
         """1, -1, or 0 where none was said. Raises UserError for two."""
         signs = {symbol.value for symbol in self.clause.directions}
         if len(signs) > 1:
-            raise UserError("up and down contradict one another: leave one out")
+            raise IncompleteError("up and down contradict one another: leave one out")
         return signs.pop() if signs else 0.0

@@ -58,7 +58,7 @@ def repeated(before: list[Command], made: Command, times: int, *, joined: bool) 
     if times == 1 or (alone and (not before or isinstance(made, Follow))):
         return [*before, *[made] * times]
     if alone or not before:
-        raise UserError(f"{times} times of what? say all parts, and then 'repeat {times} times'")
+        raise IncompleteError(f"{times} times of what? say all parts, and then 'repeat {times} times'")
     if isinstance(made, Undo):
         if made.seconds is not None and isinstance(before[-1], Move) and before[-1].seconds is None and joined:
             raise UserError(
@@ -100,9 +100,9 @@ def arrival(clause: Clause) -> Command:
     return Wait(seconds=0.0)
 
 
-def at_odds(commands: Sequence[Command], made: Command, *, stays: bool, still: set[int]) -> str:
-    """What is doubtful of a move that no "then" parts from the one before; stays: it is a hold where it is; still: the
-    outputs that the one before was said to keep.
+def at_odds(commands: Sequence[Command], made: Command, *, stays: bool, listed: bool, still: set[int]) -> str:
+    """What is doubtful of a move that no "then" parts from the one before; stays: it is a hold where it is; listed: it
+    is one more value of those before; still: the outputs that the one before was said to keep.
     """
     last = commands[-1] if commands else None
     if isinstance(made, Move) and still.intersection(goal.output for goal in made.goals):
@@ -114,6 +114,8 @@ def at_odds(commands: Sequence[Command], made: Command, *, stays: bool, still: s
         return "around once it is there, or that way from the start? say 'then reverse', or a value with its sign"
     if stays and any(there.get(goal.output, goal.value) != goal.value for goal in made.goals):
         return "go there, and stay elsewhere? say 'then', or leave one out"
+    if listed and {goal.output for goal in last.goals} & {goal.output for goal in made.goals}:
+        return "several values of one output: join them by 'then', or say how long each lasts"
     return ""
 
 
@@ -121,6 +123,15 @@ def has_moved(commands: Sequence[Command], outputs: set[int]) -> bool:
     """Whether the last command moves one of some outputs, or any where none was named."""
     goals = {goal.output for goal in commands[-1].goals} if commands and isinstance(commands[-1], Move) else set[int]()
     return bool(goals & outputs if outputs else goals)
+
+
+def has_stayed(commands: Sequence[Command], vocabulary: Vocabulary) -> bool:
+    """Whether the last command led to a speed for some time: "then stay" leaves open whether it goes on."""
+    last = commands[-1] if commands else None
+    speeds = vocabulary.of_kind("rest")
+    return (
+        isinstance(last, Move) and last.hold > 0.0 and all(goal.output in speeds and goal.value for goal in last.goals)
+    )
 
 
 def brought_to_rest(clause: Clause, vocabulary: Vocabulary) -> Command:

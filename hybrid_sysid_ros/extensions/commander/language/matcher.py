@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from hybrid_sysid_ros.extensions.commander.language.bare_numbers import BareNumbers
 from hybrid_sysid_ros.extensions.commander.language.clauses import MOST, Clause, IncompleteError
-from hybrid_sysid_ros.extensions.commander.language.lexicon import Lexicon, Symbol
+from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.notes import FilledSlot, Notes, is_time
-from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG, sentence_parts
+from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG, in_order
 from hybrid_sysid_ros.extensions.commander.language.patterns import PATTERNS
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, TIME, Unit
@@ -18,10 +17,14 @@ from hybrid_sysid_ros.support.errors import UserError
 GO = Symbol("V", "go", "go")
 
 
-def clauses(found: Sequence[Symbol], vocabulary: Vocabulary, lexicon: Lexicon) -> list[Clause]:
-    """The clauses of a sentence. Raises UserError for what can't be read, in a line that says what to write instead."""
-    found = BareNumbers(found, vocabulary, lexicon).with_units()
-    made = [_Matcher(part, vocabulary).clause() for part in sentence_parts(found)]
+def clause_of(part: Sequence[Symbol], vocabulary: Vocabulary) -> Clause:
+    """What a part says. Raises UserError for what can't be read, in a line that says what to write instead."""
+    return _Matcher(part, vocabulary).clause()
+
+
+def clauses(parts: Sequence[Sequence[Symbol]], vocabulary: Vocabulary) -> list[Clause]:
+    """The clauses of a sentence, in the order in which they come."""
+    made = [clause_of(part, vocabulary) for part in in_order([[*part] for part in parts])]
     made = _with_paces([clause for clause in made if not clause.empty])
     if not made:
         raise UserError("this asks for nothing: say for example 'go to', 'hold', 'swing between', 'home' or 'stop'")

@@ -61,8 +61,9 @@ class Meaning(Verbs):
         """Raise UserError for what the clause says and the command did not take."""
         clause = self.clause
         if self.left and self.left[0].base == TIME and self.left[0].role == "" and isinstance(made, commands.Move):
-            text = self.left[0].text
-            raise UserError(f"{text!r}: in that time, or for so long? say 'in {text}' or 'for {text}'")
+            text, leads = self.left[0].text, clause.quantities[0] is self.left[0]
+            doubt = IncompleteError if leads and len(clause.quantities) > 1 else UserError  # "5 s, 20 rpm"
+            raise doubt(f"{text!r}: in that time, or for so long? say 'in {text}' or 'for {text}'")
         if self.left:
             raise IncompleteError(f"{self.verb} does not take {described(self.left[0])} here: leave it out")
         if clause.names:
@@ -71,9 +72,8 @@ class Meaning(Verbs):
         if clause.paces and not getattr(made, "pace", ""):
             raise UserError(f"{self.verb} can't be {clause.paces[0]} here: give its time or frequency alone")
         said = [share.text for share in clause.shares] + [text for *_, text in clause.comparatives]
-        said += (
-            [symbol.text for symbol in clause.directions] + clause.nouns + [clause.bit, clause.here, clause.full_speed]
-        )
+        said += [symbol.text for symbol in clause.directions] + clause.nouns
+        said += [clause.bit, clause.here, clause.from_home, clause.full_speed]
         said += [clause.sense.text] if clause.sense else []
         said += [clause.together, clause.whole_range, clause.increment.text if clause.increment else ""]
         said += ["smoothly"] if clause.smoothly and getattr(made, "shape", "smooth") != "smooth" else []

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import Awaited, Clause, Quantity, Share
+from hybrid_sysid_ros.extensions.commander.language.clauses import Awaited, Clause, IncompleteError, Quantity, Share
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit
@@ -47,7 +47,7 @@ class Notes:
         self.part, self.vocabulary = part[first in ("then", "while") :], vocabulary
         goes = any(symbol.kind == "J" and symbol.text.endswith("ing") for symbol in part)
         self.made = Clause(then=first == "then", meanwhile=first == "while", going=goes)
-        said = [symbol for symbol in self.part if symbol.kind not in "yJ"]
+        said = [symbol for symbol in self.part if symbol.kind not in "yJOK"]
         self.made.neighbours = [pair for pair in pairwise(said) if pair[0].kind == pair[1].kind == "V"]
         self.output: int | None = None
         """That was named last."""
@@ -148,7 +148,7 @@ class Notes:
     def _note_delay(self, found: FilledSlot) -> None:
         """Raise UserError for a second one."""
         if self.made.delay is not None:
-            raise UserError(f"{self.made.delay.text} and {found.text} contradict one another: leave one out")
+            raise IncompleteError(f"{self.made.delay.text} and {found.text} contradict one another: leave one out")
         role = "starting" if any(symbol.value == "starting" for symbol in found.part) else "for"
         self.made.delay = self.quantity(found.quantities[0], role, found.text)
 
@@ -234,7 +234,7 @@ class Notes:
     def _note_object(self, found: FilledSlot) -> None:
         """Raise UserError for one that is all that is said."""
         if len(self.part) == 1:
-            raise UserError(f"{found.text!r} asks for nothing: say for example 'go to 1 {self.example}'")
+            raise IncompleteError(f"{found.text!r} asks for nothing: say for example 'go to 1 {self.example}'")
         self.made.addressed = True
 
     def _note_share(self, found: FilledSlot) -> None:
@@ -267,8 +267,11 @@ class Notes:
     def _note_sense(self, found: FilledSlot) -> None:
         """Raise UserError for a second one."""
         if self.made.sense is not None:
-            raise UserError(f"{self.made.sense.text} and {found.text} contradict one another: leave one out")
+            raise IncompleteError(f"{self.made.sense.text} and {found.text} contradict one another: leave one out")
         self.made.sense = found.part[0]
+
+    def _note_from_home(self, found: FilledSlot) -> None:
+        self.made.from_home = found.text
 
     def _note_displacing(self, found: FilledSlot) -> None:
         if not self.made.quantities:  # "2 m, ramped over 5 s" leaves nothing open

@@ -10,6 +10,7 @@ _LETTERS: Sequence[
 ] = (  # of lexicon.ROLES and NOUNS; Q: any quantity, 1: a time, 2: a frequency, 9: none of these; O: an output by name
     ("to_name", "[TW]?K?GK?"),
     ("from_here", "F(?:H|J?N[KO]?)"),
+    ("from_home", "[Fo]u"),
     ("former", "[TWo]?(?:J?[KO]P|P[KO]?)"),
     ("condition", "Z|z[KO]?T?Q"),
     ("between", "B(?:[KO]o?)?Q[jT]Q"),

@@ -4,68 +4,80 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from heapq import heappop, heappush
+from itertools import pairwise
 
 from hybrid_sysid_ros.extensions.commander.language.clauses import IncompleteError
 from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
+from hybrid_sysid_ros.extensions.commander.language.parts import Boundary, boundaries, without_commas
 from hybrid_sysid_ros.support.errors import UserError
 
-MOST_READINGS, MOST_CHANGES = 40, 3
-"""Readings of a sentence that are tried, and cuts in one of them."""
-CUT = {",": 1.0, "j": 1.2, "D": 2.0, "Z": 2.0, "z": 2.0}
-"""What it costs to cut at a comma or an "and", or before a delay or a condition."""
+MOST_READINGS = 20
+"""Of a sentence that are tried."""
+OPEN = 10.0
+"""What it costs that a part leaves something open."""
+
+Part = Sequence[Symbol]
 
 
-def read_by(found: Sequence[Symbol], sentence: Callable[[Sequence[Symbol]], Sentence]) -> Sentence:
-    """What the likeliest complete reading of symbols says; sentence: what symbols say as they are parted. A reading
-    that is complete and doubtful is asked about, and one that leaves something open gives way to the next. Raises
-    UserError for symbols of which none is complete, or of which two that are as likely differ.
+def read_by(
+    found: Sequence[Symbol], complete: Callable[[Part], bool], sentence: Callable[[Sequence[Part]], Sentence]
+) -> Sentence:
+    """What the likeliest reading of symbols says; complete: whether a part leaves nothing open by itself; sentence:
+    what parts say together. A reading that is complete and doubtful is asked about, and one that leaves something open
+    gives way to the next. Raises UserError for symbols of which none is complete, or of which two that are as likely
+    differ.
     """
     refusal: UserError | None = None
-    best: tuple[float, Sentence] | None = None
-    for cost, symbols in _readings(found):
+    best: tuple[float, Sentence, Sequence[Part]] | None = None
+    for cost, parts in _readings(found, complete):
         if best is not None and cost > best[0]:
             break
         try:
-            made = sentence(symbols)
+            made = sentence(parts)
         except UserError as error:
             if refusal is None and not isinstance(error, IncompleteError):
                 raise
             refusal = refusal or error
             continue
-        if not cost:
-            return made
-        if best is not None and best[1] != made and refusal is not None:
-            raise refusal  # two readings that are as likely differ
-        best = best or (cost, made)
+        if best is not None and best[1] != made:
+            raise UserError(f"{_said(best[2])}, or {_said(parts)}? join the parts by 'then'")
+        best = best or (cost, made, parts)
     if best is None:
         assert refusal is not None
         raise refusal
     return best[1]
 
 
-def _readings(found: Sequence[Symbol]) -> Iterator[tuple[float, Sequence[Symbol]]]:
-    """Symbols as they are, and with more cuts, by what these cost."""
-    changes = [(CUT[symbol.kind], k) for k, symbol in enumerate(found) if k and symbol.kind in CUT]
-    changes = [(cost, k) for cost, k in changes if found[k - 1].kind not in ",j;" or found[k].kind in ",j"]
-    queue: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
+def _said(parts: Sequence[Part]) -> str:
+    return " then ".join(repr(" ".join(symbol.text for symbol in part if symbol.text)) for part in parts)
+
+
+def _readings(found: Sequence[Symbol], complete: Callable[[Part], bool]) -> Iterator[tuple[float, Sequence[Part]]]:
+    """The cheapest ways through the boundaries (A*, whose estimate is the exact rest)."""
+    places = [Boundary(0, 0, 0.0, 0.0), *boundaries(found), Boundary(len(found), len(found), 0.0, 0.0)]
+    costs: dict[tuple[int, int], float] = {}
+    rest = [0.0] * len(places)
+    for first in range(len(places) - 2, -1, -1):
+        kept = 0.0
+        for last in range(first + 1, len(places)):
+            part = found[places[first].begin : places[last].end]
+            costs[first, last] = kept + places[last].cut + OPEN * (bool(part) and not complete(without_commas(part)))
+            kept += places[last].keep
+            if kept == float("inf"):
+                break
+        rest[first] = min(
+            costs[first, last] + rest[last] for last in range(first + 1, len(places)) if (first, last) in costs
+        )
+    queue: list[tuple[float, tuple[int, ...]]] = [(rest[0], (0,))]
     for _ in range(MOST_READINGS):
+        while queue and queue[0][1][-1] < len(places) - 1:
+            cost, way = heappop(queue)
+            for last in range(way[-1] + 1, len(places)):
+                if (way[-1], last) in costs:
+                    more = cost - rest[way[-1]] + costs[way[-1], last] + rest[last]
+                    heappush(queue, (more, (*way, last)))
         if not queue:
             return
-        cost, chosen = heappop(queue)
-        yield cost, _cut(found, chosen)
-        if len(chosen) < MOST_CHANGES:
-            for more, k in changes:
-                if not chosen or k > chosen[-1]:
-                    heappush(queue, (cost + more, (*chosen, k)))
-
-
-def _cut(found: Sequence[Symbol], chosen: tuple[int, ...]) -> list[Symbol]:
-    """Symbols with a mark that ends a part in place of a comma or an "and", or before another symbol."""
-    made: list[Symbol] = []
-    for k, symbol in enumerate(found):
-        if k in chosen:
-            made.append(Symbol(";", "", ""))
-        if k not in chosen or symbol.kind not in ",j":
-            made.append(symbol)
-    return made
+        cost, way = heappop(queue)
+        yield cost, [without_commas(found[places[a].begin : places[b].end]) for a, b in pairwise(way)]

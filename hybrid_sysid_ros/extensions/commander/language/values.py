@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, Quantity, Share
+from hybrid_sysid_ros.extensions.commander.language.clauses import Clause, IncompleteError, Quantity, Share
 from hybrid_sysid_ros.extensions.commander.language.stops import folded
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, named, of_rig
@@ -41,7 +41,9 @@ class Values:
         """The one quantity of a kind, which is then used. Raises UserError for two."""
         found = [item for item in self.left if condition(item)]
         if len(found) > 1:
-            raise UserError(f"{described(found[0])} and {described(found[1])} contradict one another: leave one out")
+            raise IncompleteError(
+                f"{described(found[0])} and {described(found[1])} contradict one another: leave one out"
+            )
         for item in found:
             self.left.remove(item)
         return found[0] if found else None

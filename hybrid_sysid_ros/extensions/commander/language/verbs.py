@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 from hybrid_sysid_ros.extensions.commander.language.adjustments import Adjustments
 from hybrid_sysid_ros.extensions.commander.language.clauses import IncompleteError, Quantity
@@ -32,6 +33,9 @@ class Verbs(Adjustments):
         """The verb. Raises UserError for none, and for two that are not one motion."""
         clause = self.clause
         found = list(dict.fromkeys(symbol.value for symbol in clause.verbs))
+        going = [symbol for symbol in clause.verbs if symbol.value == "go"]
+        if len(going) > 1 and not all(clause.adjacent(*pair) for pair in pairwise(going)):
+            raise IncompleteError(f"{going[0].text} and {going[1].text} in one part: join them by 'then'")
         if "back" in found and not clause.directions and "by" in self.roles:
             raise UserError(f"back by how much is up or down? say 'up 1 {self.example}' or 'down 1 {self.example}'")
         if "follow" in found and not clause.names and len(found) > 1 and "step" not in found:

@@ -56,6 +56,19 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (BEAM, "give it 5 s to settle, then go to 1 V", [wait(5), go(1)]),
     (BEAM, "go to 1 V and 5 s later to 2 V", [go(1), wait(5), go(2)]),
     (BEAM, "go to 2 V hold 5 s go to 1 V", [go(2), wait(5), go(1)]),
+    # Parts without marks, in any order, and those that leave something open.
+    (
+        JOINT,
+        "25 rpm one way for four seconds, then 25 the other way for four, do that twice",
+        [go(25, hold=4), go(-25, hold=4)] * 2,
+    ),
+    (JOINT, "24 rpm for 6 s, 0 afterwards", [go(24, hold=6), go(0)]),
+    (ROBOT, "yaw 25 degrees left of the start", [go(25, "yaw")]),
+    (ROBOT, "0.2 m/s, five seconds, then stay", Refused("stand still")),
+    (CONE, "up by 100 m, wait until it has settled, do it again, four times in all", Refused("in all")),
+    (CONE, "climb 100 m and accelerate to 20 m/s", [by(100, "height"), go(20, "speed")]),
+    (CONE, "climb 100 m accelerate to 20 m/s", [by(100, "height"), go(20, "speed")]),
+    (DRILL, "hold the bit at 3 rad/s and at 5 rad/s", Refused("several values")),
     # Ends of the range.
     (BEAM, "all the way down", [go(-8)]),
     (BEAM, "vá até o topo", [go(8)]),
