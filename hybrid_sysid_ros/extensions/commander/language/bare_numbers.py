@@ -14,9 +14,6 @@ from hybrid_sysid_ros.rigs.units import FREQUENCY, TIME, Unit
 
 NO_VALUE_AFTER = re.compile(r"(?:[RrLDeE#<Ii]A?|[fq]o?[TYW]?|Qe)$")
 """Letters before a number that could be a time, a count or a frequency."""
-VALUE_AFTER = re.compile(r"(?:[TFBYApsUMdZz+KOPolakw]|[TFBUz+]A|Qj)$")
-"""Letters before a value: a preposition, a direction, a name, a condition, or the value before in a list."""
-LISTED = re.compile(r"Q(?:,Q)+,?$")
 TIMED = re.compile("[RrL]A?$")
 """Letters before what can only be a time, where one was said before: "for 8 s, ... for another 8"."""
 SECOND = Unit(TIME)
@@ -143,7 +140,9 @@ class BareNumbers:
         return next(filter(None, units), None)
 
     def is_value(self, k: int) -> bool:
-        """Whether a number stands in the place of a value, and could be no time, count, share or frequency."""
+        """Whether a number may be a value: it is not in the place of a time, a count, a share or a frequency, and
+        no verb that could take one of these stands right before it.
+        """
         begin = self.letters.rfind(";", 0, k) + 1
         part = [symbol for symbol in self.found[begin:k] if symbol.kind not in "JH"]
         before, after = "".join(symbol.kind for symbol in part), self.letters[k + 1 :]
@@ -159,12 +158,7 @@ class BareNumbers:
             return not verbs & TIMELESS and (
                 before[-2:-1] != "y" or re.match("[UMd]", after) is not None or self.place() or self.said(k) is not None
             )
-        if before.endswith(","):
-            swung = after[:1] == "V" and self.found[k + 1].value in SWUNG  # "two either way"
-            return bool(
-                swung or LISTED.search(before) or re.match("[,j]Q|[RI]Q|[UMd+]", after) or not re.search("Q,$", before)
-            )
-        return bool(VALUE_AFTER.search(before) or (not before and (begin or after)))
+        return bool(before or begin or after)
 
     def place(self) -> bool:
         """Whether the output is one whose values are places, which a verb of moving goes to or by."""

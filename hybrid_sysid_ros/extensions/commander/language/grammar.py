@@ -14,12 +14,12 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
 from hybrid_sysid_ros.extensions.commander.language.completeness import is_complete
 from hybrid_sysid_ros.extensions.commander.language.composition import Composition, DoubtfulTimeError
 from hybrid_sysid_ros.extensions.commander.language.files import Files
-from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, lexicon
+from hybrid_sysid_ros.extensions.commander.language.lexicon import LANGUAGES, Symbol, lexicon
 from hybrid_sysid_ros.extensions.commander.language.matcher import clauses
 from hybrid_sysid_ros.extensions.commander.language.parts import marked
 from hybrid_sysid_ros.extensions.commander.language.quantities import DoubtfulNumberError
 from hybrid_sysid_ros.extensions.commander.language.questions import is_question
-from hybrid_sysid_ros.extensions.commander.language.reading import Part, read_by
+from hybrid_sysid_ros.extensions.commander.language.reading import read_by
 from hybrid_sysid_ros.extensions.commander.language.stops import EMERGENCY, folded, is_motionless, says_more, stop_in
 from hybrid_sysid_ros.extensions.commander.language.symbols import UnknownWordError, symbols
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
@@ -91,10 +91,10 @@ def _sentence(text: str, language: str, vocabulary: Vocabulary, files: Files) ->
     words = lexicon(language)
     found = marked(BareNumbers(symbols(text, words, vocabulary), vocabulary, words).with_units())
 
-    def complete(part: Part) -> bool:
+    def complete(part: Sequence[Symbol]) -> bool:
         return is_complete(part, vocabulary, files)
 
-    def sentence(parts: Sequence[Part]) -> Sentence:
+    def sentence(parts: Sequence[Sequence[Symbol]]) -> Sentence:
         made = clauses(parts, vocabulary)
         return Composition(text=text, found=made, vocabulary=vocabulary, files=files).sentence()
 

@@ -17,11 +17,11 @@ MOST_READINGS = 20
 OPEN = 10.0
 """What it costs that a part leaves something open."""
 
-Part = Sequence[Symbol]
-
 
 def read_by(
-    found: Sequence[Symbol], complete: Callable[[Part], bool], sentence: Callable[[Sequence[Part]], Sentence]
+    found: Sequence[Symbol],
+    complete: Callable[[Sequence[Symbol]], bool],
+    sentence: Callable[[Sequence[Sequence[Symbol]]], Sentence],
 ) -> Sentence:
     """What the likeliest reading of symbols says; complete: whether a part leaves nothing open by itself; sentence:
     what parts say together. A reading that is complete and doubtful is asked about, and one that leaves something open
@@ -29,7 +29,7 @@ def read_by(
     differ.
     """
     refusal: UserError | None = None
-    best: tuple[float, Sentence, Sequence[Part]] | None = None
+    best: tuple[float, Sentence, Sequence[Sequence[Symbol]]] | None = None
     for cost, parts in _readings(found, complete):
         if best is not None and cost > best[0]:
             break
@@ -49,11 +49,13 @@ def read_by(
     return best[1]
 
 
-def _said(parts: Sequence[Part]) -> str:
+def _said(parts: Sequence[Sequence[Symbol]]) -> str:
     return " then ".join(repr(" ".join(symbol.text for symbol in part if symbol.text)) for part in parts)
 
 
-def _readings(found: Sequence[Symbol], complete: Callable[[Part], bool]) -> Iterator[tuple[float, Sequence[Part]]]:
+def _readings(
+    found: Sequence[Symbol], complete: Callable[[Sequence[Symbol]], bool]
+) -> Iterator[tuple[float, Sequence[Sequence[Symbol]]]]:
     """The cheapest ways through the boundaries (A*, whose estimate is the exact rest)."""
     places = [Boundary(0, 0, 0.0, 0.0), *boundaries(found), Boundary(len(found), len(found), 0.0, 0.0)]
     costs: dict[tuple[int, int], float] = {}

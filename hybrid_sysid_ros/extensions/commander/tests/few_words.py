@@ -77,7 +77,7 @@ FEW_WORDS: list[tuple[str, str, Any]] = [
     (WHEEL, "30 rpm, then 50, then 70", [go(30), go(50), go(70)]),
     (WHEEL, "step through 50, 100 and 150 rpm, 2 s each", [step(50, hold=2), step(100, hold=2), step(150, hold=2)]),
     (WHEEL, "ramp up to 100 at 20 rpm/s", [ramp(100, rate=20)]),
-    (BEAM, "go to 2 V, 5", Refused("5 of what")),
+    (BEAM, "go to 2 V, 5", Refused("how long each lasts")),
     (BEAM, "hold 2 V for 10", Refused("of what")),
     (BEAM, "swing around 1 V, plus or minus 0.5, at 1 Hz for 5 s", [swing(0.5, 1.5, 1, 5)]),
     (BEAM, "chirp from 0.1 to 2 Hz with an amplitude of 1 V for 5 s at 3", Refused("3")),

@@ -269,7 +269,7 @@ def test_back_after_a_condition_is_where_its_sentence_began(monkeypatch: pytest.
 def test_numbers_of_any_size_are_planned_soundly_or_refused(template: str) -> None:
     vocabulary, random = interpreter("cam_beam").vocabulary, Random(template)
     sizes = ["0", "-0", "5e-324", "1e-320", "1e-12", "1e-9", "-1", "0.001", "1", "3", "119", "1e5", "1e12", "1.7e308"]
-    for _ in range(300):
+    for _ in range(100):
         text = template.format(*(random.choice(sizes) for _ in range(template.count("{}"))))
         try:
             commands = interpreter("cam_beam").read(text).commands
