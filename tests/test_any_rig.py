@@ -12,10 +12,10 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import one_step, rollouts
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.extensions.shared.horizons import k_step_errors
+from hybrid_sysid_ros.extensions.shared.residual_tests import independence
 from hybrid_sysid_ros.identification import evaluate, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.starts import initial_state
-from hybrid_sysid_ros.identification.validation.residual_tests import independence
 from hybrid_sysid_ros.identification.validation.scores import free_run
 from hybrid_sysid_ros.models import Sampling, build, structure_names
 from hybrid_sysid_ros.rigs import outside

@@ -21,10 +21,10 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.search.cross_validation import cross_validate
+from hybrid_sysid_ros.extensions.shared.residual_tests import correlation_tests
 from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.validation.residual_tests import correlation_tests
 from hybrid_sysid_ros.identification.validation.scores import free_run
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig

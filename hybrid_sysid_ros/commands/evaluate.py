@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands import fit_options, options
-from hybrid_sysid_ros.commands.inspections import Inspect, print_inspections
+from hybrid_sysid_ros.commands.inspections import Inspect, inspected, print_inspections
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.score_table import score_table
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
@@ -50,7 +50,7 @@ def command(
     chosen = Part.parse(part)
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling.input, model=loaded)
     parts = [(record, chosen) for record in records]
-    further = [inspect(loaded, parts, described) for inspect in inspections]
+    further = inspected(inspections, loaded, parts, described)
     found = [evaluation(loaded, record, described, part=chosen) for record in records]
     for item in found if described.experiments.loops or described.experiments.feedback else ():
         if item.no_loop:

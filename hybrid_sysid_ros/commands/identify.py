@@ -12,7 +12,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import fit_options, options
-from hybrid_sysid_ros.commands.inspections import Inspect, print_inspections
+from hybrid_sysid_ros.commands.inspections import Inspect, inspected, print_inspections
 from hybrid_sysid_ros.commands.records import check_records, read_records
 from hybrid_sysid_ros.commands.score_table import score_table
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
@@ -22,7 +22,6 @@ from hybrid_sysid_ros.identification.parameter_groups import ParameterGroup
 from hybrid_sysid_ros.identification.shooting import fastest_growth
 from hybrid_sysid_ros.identification.validation.identifiability import doubts, unexplained
 from hybrid_sysid_ros.identification.validation.run_quality import run_quality
-from hybrid_sysid_ros.identification.validation.stages import StageResiduals, stages_of
 from hybrid_sysid_ros.library.models import identify
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
@@ -96,7 +95,7 @@ def command(
         console.print(json.dumps(_content(model), indent=2))
     else:
         _show(model, described, parts)
-    further = [compare(model, parts, described) for compare in comparisons]
+    further = inspected(comparisons, model, parts, described)
     print_inspections([] if as_json else further)
     tell = status if as_json else console
     if page is not None:
@@ -143,8 +142,6 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
             "gains (experiments.stabiliser)"
         )
     print_table(score_table(model.scores, rig, title))
-    if rows := stages_of(model, records):
-        print_table(stages_table(rows))
 
 
 def _reason(model: Model, name: str, records: Sequence[tuple[Record, Part]]) -> str:
@@ -172,20 +169,6 @@ def _content(model: Model) -> dict[str, Any]:
         "doubts": [str(doubt) for doubt in doubts(model)],
         "seconds": model.fit["seconds"],
     }
-
-
-def stages_table(rows: Sequence[StageResiduals]) -> Table:
-    """Table of a model's stages, such as a gray box and a model of its residual, with residual tests."""
-    table = Table(
-        "record", "output", "free run of", "R2", "lags outside: itself", "input", "random",
-        title="stages of the model: whether the residual of each free run is random (99 % bounds)",
-    )  # fmt: skip
-    for row in sorted(rows, key=lambda row: (row.record, row.output)):
-        outside = (f"{test.outside} of {len(test.lags)}" for test in (row.whiteness, row.independence))
-        table.add_row(
-            row.record, row.output, row.stage, f"{row.scores.r2:.4f}", *outside, "yes" if row.random else "no"
-        )
-    return table
 
 
 def parameter_table(model: Model) -> Table:

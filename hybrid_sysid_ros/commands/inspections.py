@@ -14,8 +14,15 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.report import Inspection
 from hybrid_sysid_ros.rigs.rig import Rig
 
-Inspect: TypeAlias = Callable[[Model, Sequence[tuple[Record, Part]], Rig], Inspection]
-"""Finds something of a model over parts of records."""
+Inspect: TypeAlias = Callable[[Model, Sequence[tuple[Record, Part]], Rig], Inspection | None]
+"""Finds something of a model over parts of records; None where there is nothing to find."""
+
+
+def inspected(
+    inspections: Sequence[Inspect], model: Model, records: Sequence[tuple[Record, Part]], rig: Rig
+) -> list[Inspection]:
+    """What extensions find of a model."""
+    return [found for inspect in inspections if (found := inspect(model, records, rig)) is not None]
 
 
 def print_inspections(found: Sequence[Inspection]) -> None:

@@ -9,9 +9,9 @@ import pytest
 
 from hybrid_sysid_ros.control import ControlProblem, ExactMpc, MpcSolution, StageTerm, Status
 from hybrid_sysid_ros.control.cascade import Cascade
-from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.core import RungeKutta, System, simulate
 from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised
+from hybrid_sysid_ros.extensions.shared.steady_motion import steady_motion
 from hybrid_sysid_ros.support.errors import UserError
 from tests.upright import GAINS, Upright
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import ControlProblem, ExactMpc, StageTerm, Status
+from hybrid_sysid_ros.control import ExactMpc, StageTerm, Status
 from hybrid_sysid_ros.control.mpc.shooting import shooting
-from hybrid_sysid_ros.control.steady_motion import steady_motion
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.runtime.mpc_section import about
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.test_terms import ARMS, STAGE, TERMS
 from tests.control.two_inputs import PROBLEM, instance
@@ -52,49 +49,6 @@ def test_blocks_of_one_period_are_the_plain_problem():
     alike = replace(PROBLEM, intervals=(1,) * PROBLEM.horizon, blocks=(1,) * PROBLEM.horizon)
     one, other = (ExactMpc(ARMS, problem).control(*instance(1)).inputs for problem in (PROBLEM, alike))
     np.testing.assert_array_equal(one, other)
-
-
-def test_inputs_cost_nothing_at_an_operating_point():
-    rest = about(ARMS, PROBLEM, [0.2, 0.0])
-    found = pytest.importorskip("hybrid_sysid_ros.extensions.ipopt.interior_point")
-    point = steady_motion(ARMS, rest, np.array([0.2, 0.0]))
-    asked = point.state, np.zeros(2), point.inputs, np.tile([0.2, 0.0], (12, 1))
-    for solver in (ExactMpc(ARMS, rest), found.InteriorPointMpc(ARMS, rest, tolerance=1e-9)):
-        np.testing.assert_allclose(solver.control(*asked).inputs, np.tile(rest.input_rest, (12, 1)), atol=1e-5)
-    assert np.abs(ExactMpc(ARMS, PROBLEM).control(*asked).inputs[-1] - point.inputs).max() > 1e-3
-    with pytest.raises(UserError, match="no inputs hold the outputs at"):
-        about(ARMS, PROBLEM, [2.0, 0.0])
-    with pytest.raises(UserError, match=r"first_torque would be .*, beyond its bounds -0\.01 and 0\.01"):
-        about(ARMS, replace(PROBLEM, input_low=(-0.01,), input_high=(0.01,)), [0.2, 0.0])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Basin(System):
-    """x' = pump + 2 spring - x: two inputs for one level."""
-
-    states = ("level [m]",)
-    inputs = ("pump [m/s]", "spring [m/s]")
-
-    def law(self, x, u):
-        return (u[0] + 2.0 * u[1] - x[0],)
-
-
-@pytest.mark.parametrize(
-    ("weights", "most", "expected"),
-    [((1.0, 1.0), 10.0, (0.2, 0.4)), ((1.0, 4.0), 10.0, (0.5, 0.25)), ((1.0, 1.0), 0.3, (0.4, 0.3))],
-)
-def test_of_the_inputs_that_hold_an_output_the_cheapest_within_their_bounds_are_taken(weights, most, expected):
-    """Level 1 needs pump + 2 spring = 1: by Lagrange, spring / pump = 2 R_pump / R_spring."""
-    problem = ControlProblem(
-        horizon=5,
-        period=0.1,
-        substeps=1,
-        output_weights=(1.0,),
-        input_weights=weights,
-        input_low=(0.0,),
-        input_high=(10.0, most),
-    )
-    assert about(Basin(), problem, [1.0]).input_rest == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_real_time_iteration_stays_near_the_optimum():

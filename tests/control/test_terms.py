@@ -13,15 +13,12 @@ from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.safety.supervision import _allowed
-from hybrid_sysid_ros.control.terminal_cost import riccati_terms
 from hybrid_sysid_ros.control.terms import terms_of, with_terms
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.core.symbolic import symbolic_output
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.two_inputs import PROBLEM, Arms, instance
 from tests.model_samples import FROM_DATA
-from tests.one_joint import Linear
-from tests.straight_beam import straight
 
 ARMS = Arms(friction=0.0)
 TERMS = {
@@ -217,31 +214,6 @@ def test_the_cost_of_a_loop_has_the_terms_of_its_stages():
     beyond = np.maximum(np.cos(first) - 0.95, 0.0)
     terms = np.sum(0.5 * np.sum(inputs * rates, axis=1) + (5.0 + 50.0 * beyond) * beyond)
     assert loop.cost_by(problem, ARMS) - loop.cost_by(problem) == pytest.approx(terms)
-
-
-def test_with_riccati_s_cost_a_short_horizon_acts_as_a_long_one():
-    system = straight(Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0))
-    long = ControlProblem(
-        horizon=120,
-        period=0.02,
-        substeps=4,
-        output_weights=(100.0,),
-        output_scales=(0.02,),
-        rate_weights=(1.0,),
-        input_low=(-1e6,),
-        input_high=(1e6,),
-    )
-    short = replace(long, horizon=3)
-    ended = replace(short, terms=riccati_terms(system, short, np.array([0.01])))
-    asked = np.array([0.02, 0.05]), np.zeros(1), np.array([1.5])
-    first = [
-        ExactMpc(system, each).control(*asked, np.full((each.horizon, 1), 0.01)).input[0]
-        for each in (long, ended, short)
-    ]
-    assert first[1] == pytest.approx(first[0], abs=1e-4)
-    assert abs(first[2] - first[0]) > 0.01
-    with pytest.raises(UserError, match=r"riccati_at has shape \(2,\); give 1 outputs"):
-        riccati_terms(system, short, np.zeros(2))
 
 
 def test_an_unknown_stage_parameter_is_refused_later_too(solver):

@@ -10,8 +10,8 @@ import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.core import one_step, simulate, step_with_jacobian
+from hybrid_sysid_ros.extensions.shared.steady_motion import steady_motion
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import build, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs

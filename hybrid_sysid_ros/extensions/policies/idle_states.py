@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import jacobian_at
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared.steady_motion import jacobian_at
 from hybrid_sysid_ros.support.arrays import Array
 
 SIZES = 0.0, 0.01, 0.1, 1.0, 10.0

@@ -7,8 +7,8 @@ from itertools import product
 import numpy as np
 
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import jacobian_at
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared.steady_motion import jacobian_at
 from hybrid_sysid_ros.support.arrays import Array
 
 MOST_STATES = 10

@@ -15,7 +15,6 @@ from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Correction, Policy, policy_features
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.policies.idle_states import without_idle
 from hybrid_sysid_ros.extensions.policies.mirror import mirror_of
 from hybrid_sysid_ros.extensions.policies.near_misses import cheaper_plans, chunks_of, misses, near_misses
@@ -32,6 +31,7 @@ from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample
 from hybrid_sysid_ros.extensions.shared import parallel
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import Spread
 from hybrid_sysid_ros.extensions.shared.parallel import Store
+from hybrid_sysid_ros.extensions.shared.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.shared.torch_threads import one_torch_thread
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays

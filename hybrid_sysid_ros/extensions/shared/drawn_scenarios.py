@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import output_map_at, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.shared.scenarios import Scenario
+from hybrid_sysid_ros.extensions.shared.steady_motion import output_map_at, steady_motion
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import AT_FIRST, in_si, listed, offset_drifts
 from hybrid_sysid_ros.support.arrays import Array, Numbers

@@ -13,9 +13,9 @@ import scipy
 
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import jacobian_at, steady_motion
 from hybrid_sysid_ros.core import System, step_with_jacobian
 from hybrid_sysid_ros.extensions.shared import scenarios
+from hybrid_sysid_ros.extensions.shared.steady_motion import jacobian_at, steady_motion
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError

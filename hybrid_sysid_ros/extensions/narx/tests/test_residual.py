@@ -18,10 +18,10 @@ from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.extensions.narx.residual_fit import ResidualSequence, check_forgets, initial_guess, levinson
 from hybrid_sysid_ros.extensions.narx.residual_hybrid import RADIUS, ResidualHybrid, averaged_residual, coefficients
 from hybrid_sysid_ros.extensions.narx.tests.systems import residual
+from hybrid_sysid_ros.extensions.report.stages import compare_stages
 from hybrid_sysid_ros.identification import PreparedRecord, free_run
 from hybrid_sysid_ros.identification.experiment import ResampledRecord
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.validation.stages import compare_stages
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.hybrid_system import CLIP
 from hybrid_sysid_ros.models.structure import options_of, structure_of

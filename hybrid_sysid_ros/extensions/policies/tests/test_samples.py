@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control import ExactMpc
-from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.extensions.policies.network_loop import run_network
 from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample, scenario_of, shifted
 from hybrid_sysid_ros.extensions.shared import drawn_scenarios, scenarios
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import LENGTH, Spread, plant_near
+from hybrid_sysid_ros.extensions.shared.steady_motion import steady_motion
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError

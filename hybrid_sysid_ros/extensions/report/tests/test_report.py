@@ -14,8 +14,8 @@ from hybrid_sysid_ros.extensions.shared.report.rendering import seconds, signifi
 from hybrid_sysid_ros.extensions.shared.report.residual_patterns import patterns
 from hybrid_sysid_ros.extensions.shared.report.sections import TESTS
 from hybrid_sysid_ros.extensions.shared.report.verdict import verdict
+from hybrid_sysid_ros.extensions.shared.residual_tests import independence, whiteness
 from hybrid_sysid_ros.identification import Part, Scores, evaluate
-from hybrid_sysid_ros.identification.validation.residual_tests import independence, whiteness
 from hybrid_sysid_ros.report import RunSummary, closed_loop_section
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.support.errors import UserError

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from hybrid_sysid_ros.core import Variable
-from hybrid_sysid_ros.identification.validation.residual_tests import ResidualTest
+from hybrid_sysid_ros.extensions.shared.residual_tests import ResidualTest
 from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.support.arrays import Array
 

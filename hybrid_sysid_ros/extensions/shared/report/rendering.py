@@ -153,7 +153,6 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "kind": runs[0].kind if runs else FREE,
         "free": not runs or runs[0].kind == FREE,
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
-        "stages": section.stages,
         "tests": section.tests,
         "patterns": list(patterns(section)),
         "residual_tests": drawn(figures.residual_tests(section), f"{prefix}residual-tests") if section.tests else "",

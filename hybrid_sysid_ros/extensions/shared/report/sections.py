@@ -10,15 +10,14 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, rollouts
+from hybrid_sysid_ros.extensions.shared import residual_tests
 from hybrid_sysid_ros.extensions.shared.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.starts import initial_state
-from hybrid_sysid_ros.identification.validation import residual_tests
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
 from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulate
-from hybrid_sysid_ros.identification.validation.stages import StageResiduals, stages_of
 from hybrid_sysid_ros.identification.validation.unstable import stabilised_run
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
@@ -86,8 +85,6 @@ class IdentificationSection:
 
     model: Model
     runs: Sequence[FreeRunSection]
-    stages: Sequence[StageResiduals] = ()
-    """Residuals of the model's stages, such as a gray box alone and with its residual's model."""
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
@@ -122,9 +119,8 @@ def identification_section(model: Model, records: Iterable[tuple[Record, Part]])
 
     Raises UserError where a record does not fit the model's sampling.
     """
-    used = list(records)
-    runs = tuple(run for record, part in used for run in free_runs_of(model, record, part))
-    return IdentificationSection(model=model, runs=runs, stages=stages_of(model, used))
+    runs = tuple(run for record, part in records for run in free_runs_of(model, record, part))
+    return IdentificationSection(model=model, runs=runs)
 
 
 def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSection]:

@@ -10,10 +10,10 @@ import pytest
 from scipy.special import ndtri
 
 from hybrid_sysid_ros.control import ExactMpc, StageTerm
-from hybrid_sysid_ros.control.steady_motion import jacobian_at
 from hybrid_sysid_ros.extensions.shared import scenarios
 from hybrid_sysid_ros.extensions.shared.drawn_scenarios import plant_near
 from hybrid_sysid_ros.extensions.shared.scenarios import Scenario
+from hybrid_sysid_ros.extensions.shared.steady_motion import jacobian_at
 from hybrid_sysid_ros.extensions.tightening.tightening import Tightening, _jacobians, _regulator, tightened
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.two_inputs import PROBLEM, Carts

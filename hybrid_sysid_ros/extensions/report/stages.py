@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared.residual_tests import LAGS, ResidualTest, independence, whiteness
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, resample
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.validation.residual_tests import LAGS, ResidualTest, independence, whiteness
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
 from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.report import FurtherSection, Inspection
+from hybrid_sysid_ros.rigs.rig import Rig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,11 +58,39 @@ def compare_stages(stages: Mapping[str, System], record: ResampledRecord) -> Ite
             )
 
 
-def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[StageResiduals, ...]:
-    """Residuals of a model's stages on (parts of) records; empty where it has no stages.
+def stages() -> Callable[[Model, Sequence[tuple[Record, Part]], Rig], Inspection | None]:
+    """An inspection of a model's stages over (parts of) records: None where it has no stages.
 
-    Raises UserError where a record does not fit the model's sampling.
+    It raises UserError where a record does not fit the model's sampling.
     """
-    stages, sampling = model.kind.stages(model.system), model.sampling
-    parts = (resample(part.of(record, sampling), sampling) for record, part in records) if stages else ()
-    return tuple(row for item in parts for row in compare_stages(stages, item))
+
+    def inspect(model: Model, records: Sequence[tuple[Record, Part]], rig: Rig) -> Inspection | None:
+        parts, sampling = model.kind.stages(model.system), model.sampling
+        if not parts:
+            return None
+        found = [
+            row
+            for record, part in records
+            for row in compare_stages(parts, resample(part.of(record, sampling), sampling))
+        ]
+        return Inspection(name="stages", section=_section(found))
+
+    return inspect
+
+
+def _section(found: Sequence[StageResiduals]) -> FurtherSection:
+    rows = [
+        (
+            *(row.record, row.output, row.stage, f"{row.scores.r2:.4f}"),
+            *(f"{test.outside} of {len(test.lags)}" for test in (row.whiteness, row.independence)),
+            "yes" if row.random else "no",
+        )
+        for row in sorted(found, key=lambda row: (row.record, row.output))
+    ]
+    return FurtherSection(
+        title="Stages of the model: whether the residual of each free run is random (99 % bounds)",
+        text="The model in its stages, such as a gray box and the same with a model of its residual beside it. For "
+        "each: how many of the correlation coefficients of what is left in free run lie outside of their 99 % bounds.",
+        headings=("record", "output", "free run of", "R2", "lags outside: itself", "input", "random"),
+        rows=rows,
+    )

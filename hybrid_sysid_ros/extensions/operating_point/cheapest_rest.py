@@ -7,9 +7,15 @@ import numpy as np
 import scipy
 
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import NEWTON_STEPS, STEADY, SteadyMotion, jacobian_at, steady_motion
 from hybrid_sysid_ros.control.terms import FAR
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared.steady_motion import (
+    NEWTON_STEPS,
+    STEADY,
+    SteadyMotion,
+    jacobian_at,
+    steady_motion,
+)
 from hybrid_sysid_ros.support.arrays import Array
 
 SMALL = 1e-9

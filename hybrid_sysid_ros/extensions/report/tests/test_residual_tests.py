@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from hybrid_sysid_ros.identification.validation.residual_tests import (
+from hybrid_sysid_ros.extensions.shared.residual_tests import (
     DESCRIPTIONS,
     correlation_tests,
     independence,

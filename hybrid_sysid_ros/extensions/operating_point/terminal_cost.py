@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from hybrid_sysid_ros.control.cheapest_rest import cheapest_rest
 from hybrid_sysid_ros.control.problem import ControlProblem
-from hybrid_sysid_ros.control.steady_motion import jacobian_at
 from hybrid_sysid_ros.control.terms import StageTerm
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.operating_point.cheapest_rest import cheapest_rest
+from hybrid_sysid_ros.extensions.shared.steady_motion import jacobian_at
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

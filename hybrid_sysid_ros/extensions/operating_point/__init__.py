@@ -1,0 +1,1 @@
+"""Operating point: an MPC about the steady motion at given outputs."""
