@@ -1,6 +1,6 @@
-"""Many calls of one exact MPC in compiled code: independent instances, sequences of them, and closed loops.
+"""Many calls of one exact MPC in compiled code: independent instances, and sequences of them.
 
-Threads share nothing, since each has a horizon of its own, and each row or loop begins anew. So no digit depends on
+Threads share nothing, since each has a horizon of its own, and each piece begins anew. So no digit depends on
 their number.
 """
 
@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, instance_of
 from hybrid_sysid_ros.control.mpc.limits import clamp_inputs
-from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows, follow
+from hybrid_sysid_ros.control.mpc.linearisation import assign, assign_rows
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult
 from hybrid_sysid_ros.control.mpc.shooting import CONVERGE, HorizonMemory, answer, plan_within, shift_trajectory
-from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
@@ -74,54 +73,6 @@ class Effort(NamedTuple):
     """Calls for one instance that is not solved, each from the answer before."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoopArrays(Shared):
-    """A closed loop of T periods: what disturbs it, and its course. Without periods there is no loop."""
-
-    initial_states: Array
-    initial_inputs: Array
-    references: Array
-    disturbances: Array
-    pushes: Array
-    state_errors: Array
-    disturbance_errors: Array
-    input_errors: Array
-    states: Array
-    """(T + 1, n), before each period's push, and at the end."""
-    inputs: Array
-    """(T, m)."""
-    costs: Array
-    """(T,)."""
-    excess: Array
-    """(1,), largest distance of a state from its bounds."""
-
-    @classmethod
-    def empty(cls, periods: int, horizon: int, states: int, inputs: int, outputs: int) -> LoopArrays:
-        """Room for a loop."""
-        T, n, m = periods, states, inputs
-        shapes = {
-            "initial_states": (T, n),
-            "initial_inputs": (T, m),
-            "references": (T + horizon - 1, outputs),
-            "disturbances": (T, m),
-            "pushes": (T, n),
-            "state_errors": (T, n),
-            "disturbance_errors": (T, m),
-            "input_errors": (T, m),
-            "states": (T + 1, n),
-            "inputs": (T, m),
-            "costs": (T,),
-            "excess": (1,),
-        }
-        return cls(**{name: np.zeros(shape) for name, shape in shapes.items()})
-
-    @classmethod
-    def none(cls) -> LoopArrays:
-        """No loop."""
-        own = {name: np.zeros((0, 0)) for name in cls.__annotations__}
-        return cls(**own | {"costs": np.zeros(0), "excess": np.zeros(0)})
-
-
 @kernel
 def answer_rows(
     prediction: PredictionModel,
@@ -133,75 +84,45 @@ def answer_rows(
     starts: Array,
     rows: tuple[int, int],
     answers: MpcAnswers,
-    plant: PredictionModel,
-    weights: StageWeights,
-    loop: LoopArrays,
 ) -> None:
-    """Answer instances (rows, n + 2 m + N p) from .. to in turn.
-
-    A row that begins starts anew: from its inputs in ``starts`` (rows, N, m), or where that is empty from its previous
-    inputs. The other rows start from the last plan, which is shifted by an interval. In a loop the instances are those
-    that the plant leads to, in the exact form, and are written; weights: those of one stage.
-    """
-    (n, m), count, driven = horizon.linear.B.shape[1:], horizon.inputs.shape[0], loop.inputs.shape[0] > 0
-    p = (instances.shape[1] - n - 2 * m) // count
-    flat, one = np.empty(instances.shape[1]), np.empty(n + 2 * m + p)
-    instance, stage = instance_of(flat, n, m, p), instance_of(one, n, m, p)
+    """Answer instances (rows, n + 2 m + N p) from .. to in turn; see :func:`answer_row`."""
+    (n, m), count = horizon.linear.B.shape[1:], horizon.inputs.shape[0]
+    flat = np.empty(instances.shape[1])
+    instance = instance_of(flat, n, m, (instances.shape[1] - n - 2 * m) // count)
     cold = True
     for row in range(rows[0], rows[1]):
-        if driven:
-            ask_controller(horizon, stage, loop, begins[row] or row == 0, row, instances[row])
         assign(flat, instances[row])
-        if begins[row] or row == rows[0]:
-            quadratic.clear_working_set(program)
-            cold = starts.shape[0] == 0
-            if not cold:
-                _start(horizon, instance, starts[row])
-        cold = _answer(prediction, horizon, program, effort, instance, cold, answers, row)
-        if not cold:
-            shift_trajectory(prediction, horizon, 1.0)
-        if driven:
-            advance_plant(plant, weights, stage, answers.inputs[row], loop, row)
+        anew = begins[row] or row == rows[0]
+        cold = answer_row(prediction, horizon, program, effort, instance, anew, cold, starts, answers, row)
 
 
 @inner
-def ask_controller(horizon: Horizon, stage: Instance, loop: LoopArrays, begins: bool, k: int, asked: Array) -> None:
-    """Write the instance of period k for the controller, and that of the plant's ``stage`` without errors."""
-    n, m, p = stage.state.shape[0], stage.previous.shape[0], stage.preview.shape[1]
+def answer_row(
+    prediction: PredictionModel,
+    horizon: Horizon,
+    program: Program,
+    effort: Effort,
+    instance: Instance,
+    begins: bool,
+    cold: bool,
+    starts: Array,
+    answers: MpcAnswers,
+    row: int,
+) -> bool:
+    """Answer an instance; return whether there still is no plan.
+
+    A row that begins starts anew: from its inputs in ``starts`` (rows, N, m), or where that is empty from its previous
+    inputs. The other rows start from the last plan, which is shifted by an interval.
+    """
     if begins:
-        assign(stage.state, loop.initial_states[k])
-        assign(stage.previous, loop.initial_inputs[k])
-    assign(loop.states[k], stage.state)
-    assign(stage.disturbance, loop.disturbances[k])
-    assign(stage.preview[0], loop.references[k])
-    for a in range(n):
-        stage.state[a] += loop.pushes[k, a]
-        asked[a] = stage.state[a] + loop.state_errors[k, a]
-    for j in range(m):
-        asked[n + j] = stage.disturbance[j] + loop.disturbance_errors[k, j]
-        before = stage.previous[j] + loop.input_errors[k, j]
-        asked[n + m + j] = min(max(before, horizon.limits.low[j]), horizon.limits.high[j])
-    for i in range(horizon.inputs.shape[0]):
-        for c in range(p):
-            asked[n + 2 * m + i * p + c] = loop.references[k + i, c]
-
-
-@inner
-def advance_plant(
-    plant: PredictionModel, weights: StageWeights, stage: Instance, inputs: Array, loop: LoopArrays, k: int
-) -> None:
-    """Advance the plant by period k under the first inputs of a plan."""
-    n = stage.state.shape[0]
-    path, applied = np.empty((2, n)), np.empty((1, inputs.shape[1]))
-    assign(applied[0], inputs[0])
-    loop.costs[k], excess = follow(plant, weights, stage, applied, path)
-    assign(stage.state, path[1])
-    assign(stage.previous, applied[0])
-    assign(loop.inputs[k], applied[0])
-    assign(loop.states[k + 1], path[1])
-    for a in range(n):
-        excess = excess if math.isfinite(path[1, a]) else np.inf
-    loop.excess[0] = max(loop.excess[0], excess)
+        quadratic.clear_working_set(program)
+        cold = starts.shape[0] == 0
+        if not cold:
+            _start(horizon, instance, starts[row])
+    cold = _answer(prediction, horizon, program, effort, instance, cold, answers, row)
+    if not cold:
+        shift_trajectory(prediction, horizon, 1.0)
+    return cold
 
 
 @inner

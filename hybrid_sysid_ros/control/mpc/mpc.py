@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status
 from hybrid_sysid_ros.control.mpc import calls
-from hybrid_sysid_ros.control.mpc.batch import PIECE, Effort, LoopArrays, MpcAnswers, answer_rows, in_threads
+from hybrid_sysid_ros.control.mpc.batch import PIECE, Effort, MpcAnswers, answer_rows, in_threads
 from hybrid_sysid_ros.control.mpc.calls import (
     CALL,
     MpcMemory,
@@ -235,12 +235,11 @@ class ExactMpc:
         ):
             if part.shape != shape:
                 raise UserError(f"solve_many: {name} have shape {part.shape}; they need {shape}")
-        answers, effort, loop = MpcAnswers.empty(rows, count, n, m), self.effort(attempts), LoopArrays.none()
+        answers, effort = MpcAnswers.empty(rows, count, n, m), self.effort(attempts)
 
         def solve(own: HorizonMemory, part: tuple[int, int]) -> None:
-            known, weights = own.prediction, own.horizon.weights
-            parts = given, begins, first, part, answers, known, weights, loop
-            answer_rows(known, own.horizon, own.program, effort, *parts)
+            parts = given, begins, first, part, answers
+            answer_rows(own.prediction, own.horizon, own.program, effort, *parts)
 
         pieces = [(at, min(at + piece, rows)) for at in range(0, rows, piece)]
         list(in_threads(solve, pieces, self.memory, threads))

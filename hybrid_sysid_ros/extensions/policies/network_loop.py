@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc.batch import LoopArrays, advance_plant, ask_controller
 from hybrid_sysid_ros.control.mpc.calls import hold
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, PredictionModel, instance_of, new_horizon, prediction
 from hybrid_sysid_ros.control.mpc.linearisation import assign
@@ -13,6 +12,7 @@ from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights
 from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.extensions.shared.loop_kernels import LoopArrays, advance_plant, ask_controller
 from hybrid_sysid_ros.extensions.shared.scenarios import LoopRun, Scenario
 from hybrid_sysid_ros.support.arrays import Array
 

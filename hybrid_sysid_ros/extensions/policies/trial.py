@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc.batch import LoopArrays
 from hybrid_sysid_ros.control.mpc.horizon import prediction
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
@@ -27,6 +26,7 @@ from hybrid_sysid_ros.extensions.policies.criteria import (
 from hybrid_sysid_ros.extensions.policies.mixture import Mixture
 from hybrid_sysid_ros.extensions.policies.solved_instances import SolvedInstances
 from hybrid_sysid_ros.extensions.policies.trial_kernels import TrialLoop, drive
+from hybrid_sysid_ros.extensions.shared.loop_kernels import LoopArrays
 from hybrid_sysid_ros.extensions.shared.scenarios import Scenario
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc.batch import LoopArrays, advance_plant, ask_controller
 from hybrid_sysid_ros.control.mpc.calls import (
     FAILED,
     HELD,
@@ -35,6 +34,7 @@ from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.extensions.policies.criteria import EXACT, NETWORK, SUPERVISED
 from hybrid_sysid_ros.extensions.policies.solved_instances import SolvedInstances, solve_once
+from hybrid_sysid_ros.extensions.shared.loop_kernels import LoopArrays, advance_plant, ask_controller
 from hybrid_sysid_ros.support.arrays import Array
 
 

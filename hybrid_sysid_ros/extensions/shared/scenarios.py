@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc.batch import LoopArrays, MpcAnswers, answer_rows, in_threads
+from hybrid_sysid_ros.control.mpc.batch import MpcAnswers, in_threads
 from hybrid_sysid_ros.control.mpc.horizon import Instance, prediction
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import HorizonMemory, rollout
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared.loop_kernels import LoopArrays, answer_loop
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -106,7 +107,6 @@ def run_many(
     """
     names = [[item.name for item in each] for each in (mpc.system.states, mpc.system.inputs, mpc.system.outputs)]
     problem, effort = mpc.problem, mpc.effort(attempts)
-    none = np.zeros((0, problem.horizon, len(names[1])))
 
     def drive(own: HorizonMemory, scenario: Scenario) -> tuple[LoopRun, MpcAnswers]:
         plant, (periods, n), m = scenario.plant, scenario.states.shape, scenario.inputs.shape[1]
@@ -116,8 +116,8 @@ def run_many(
         scenario.write(loop)
         asked = np.empty((periods, n + 2 * m + problem.horizon * len(names[2])))
         answers = MpcAnswers.empty(periods, problem.horizon, n, m)
-        parts = asked, scenario.begins, none, (0, periods), answers, prediction(plant, problem), problem.stage_weights
-        answer_rows(own.prediction, own.horizon, own.program, effort, *parts, loop)
+        parts = asked, scenario.begins, answers, prediction(plant, problem), problem.stage_weights, loop
+        answer_loop(own.prediction, own.horizon, own.program, effort, *parts)
         return LoopRun(loop.states, loop.inputs, loop.costs, float(loop.excess[0]), asked), answers
 
     return in_threads(drive, scenarios, mpc.memory, threads)
