@@ -26,7 +26,7 @@ from hybrid_sysid_ros.extensions.importing.grid import (
 )
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile, check_size
 from hybrid_sysid_ros.extensions.importing.mapping import ImportMapping, SignalColumn, further, rig_factor, seconds_of
-from hybrid_sysid_ros.extensions.importing.time_columns import unit_of_times
+from hybrid_sysid_ros.extensions.importing.time_columns import other_unit, unit_of_times
 from hybrid_sysid_ros.extensions.shared.sentinel import sentinel_of
 from hybrid_sysid_ros.extensions.shared.wrapping import turn_of, unwrapped
 from hybrid_sysid_ros.library.arguments import given_sampling
@@ -50,10 +50,11 @@ def records_of(file: LogFile, mapping: ImportMapping, rig: Rig) -> tuple[list[Re
     return _Conversion(file, mapping, rig, file.read(mapping.columns)).records()
 
 
-def check_fits(file: LogFile, mapping: ImportMapping, rig: Rig, *, where: Path) -> None:
+def check_fits(file: LogFile, mapping: ImportMapping, rig: Rig, *, where: Path, stated: bool = False) -> None:
     """Raise UserErrors for a file that lacks a column of a mapping, or whose own units contradict those of the mapping.
 
-    where: what the mapping was made of, for the message. A ``scale`` of the mapping is the user's word, and stands.
+    where: what the mapping was made of, for the message. stated: whether the user stated the unit of time just now. A
+    ``scale`` of the mapping is the user's word, and stands.
     """
     if lost := [name for name in mapping.columns if name not in file.columns]:
         raise UserError(
@@ -74,12 +75,11 @@ def check_fits(file: LogFile, mapping: ImportMapping, rig: Rig, *, where: Path) 
                 f"{file.path}: {column.column} is in {own} by its own name, and in {column.unit or 'the rig unit'} by "
                 f"{where}; give the file its own (--mapping), or the scale of {name} there"
             )
-    time = mapping.time
-    own = unit_of_times(file.columns[time.column]) if time.column else ""
-    if own and seconds_of(own) not in (None, time.seconds):
+    scored = 0.0 if stated else given_sampling(None, rig).period
+    if problem := other_unit(file, mapping.time, scored=scored):
         problems.append(
-            f"{file.path}: {time.column} is in {own} by its own name, and in {time.unit} by {where}; give the file its "
-            "own (--mapping)"
+            f"{file.path}: {problem}, and {mapping.time.unit} by {where}; give the file its own (--mapping), with its "
+            "unit (--unit time=UNIT)"
         )
     if problems:
         raise UserErrors(problems)

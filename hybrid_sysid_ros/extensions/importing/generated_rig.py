@@ -95,6 +95,12 @@ def is_stepped(values: Array) -> bool:
     return 0 < len(jumps) < MOVING * len(values) and float(np.median(jumps)) > JUMP * float(np.ptp(values))
 
 
+def never_changes(values: Array) -> bool:
+    """Whether a column holds no number, or always the same, beside one that stands for missing values."""
+    known = values[np.isfinite(values) & (values != sentinel_of(values))]
+    return not len(known) or bool(known.min() == known.max())
+
+
 def made_rig(
     name: str, file: LogFile, time: TimeColumn, inputs: Sequence[str], outputs: Sequence[str], units: dict[str, str]
 ) -> MadeRig:
@@ -127,7 +133,7 @@ def made_rig(
         values, times_of = columns[item][at.rows[inside]], at.times[inside]
         missing = sentinel_of(values)
         known = np.isfinite(values) & (values != missing)
-        if not known.any() or np.ptp(values[known]) == 0.0:
+        if never_changes(values):
             raise UserError(
                 f"{file.path}: {item} holds no number, or always the same; leave it out (--input, --output)"
             )

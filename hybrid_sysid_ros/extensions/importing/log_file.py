@@ -152,7 +152,9 @@ def without_unit(name: str) -> str:
 
 
 def _parted(name: str) -> tuple[str, str]:
-    """A name and the unit that ends it."""
+    """A name and the unit that ends it, in brackets or behind a sign or blank; numbers in brackets are places."""
+    if (united := UNITED.match(name)) and not name.startswith("/") and not united["unit"].strip().isdigit():
+        return united["name"], united["unit"].strip()
     if (rate := _RATE.match(name)) and rate["unit"] in (*UNITS, *RATED):
         return rate["front"], f"{rate['unit']}/{rate['time']}"
     match = _END.match(name)

@@ -31,6 +31,10 @@ SERIAL_DAYS, MINUTE = ((32874.0, 69399.0), (726834.0, 763359.0)), 1.0 / 1440.0
 """Days of the years 1990 to 2089 since 1900 and since the year 0, as spreadsheets and MATLAB count them; and the
 longest step between two of them: seconds of that size that rise by less than .7 ms are hardly ever met.
 """
+COUNTED = ("s", "ms", "us", "ns")
+"""Units in which programs count."""
+POSSIBLE, USUAL = (1e-4, 100.0), (0.01, 10.0)
+"""Shares of a rig's scored period within which samples lie that may be of it, and within which most do."""
 
 
 def time_of(
@@ -79,6 +83,29 @@ def unit_of_times(column: LogColumn) -> str:
     """The unit of a column of times, as the file or the column's name says it; "" where neither does."""
     last = (words_of(column.name) or [""])[-1]
     return column.unit or (last if last in (*TIME_UNITS, "min", "h") else "")
+
+
+def other_unit(file: LogFile, time: TimeColumn, *, scored: float) -> str:
+    """Why the times of a file are not in a mapping's unit, or "": its name has another one, or they count the time
+    since 1970 in another one; or nothing says a unit, and samples are as a rig has them in another one alone.
+
+    scored: the rig's period [s]; 0 where the user said the unit, which values don't contradict.
+    """
+    if not time.column:
+        return ""
+    if own := unit_of_times(file.columns[time.column]):
+        return f"{time.column} is in {own} by its own name" if seconds_of(own) not in (None, time.seconds) else ""
+    if not scored:
+        return ""
+    if (since := _unit_of_counts(file, time.column)) in COUNTED:
+        return f"{time.column} counts {since} since 1970" if seconds_of(since) != time.seconds else ""
+    values = _finite(file, time.column)
+    step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
+    if step <= 0.0 or POSSIBLE[0] < step * time.seconds / scored < POSSIBLE[1]:
+        return ""
+    periods = {unit: step * (seconds_of(unit) or 1.0) for unit in COUNTED}
+    unit = next((unit for unit, period in periods.items() if USUAL[0] < period / scored < USUAL[1]), "")
+    return f"{time.column} seems to be in {unit}, which is one sample in {periods[unit]:.3g} s" if unit else ""
 
 
 def _says_time(file: LogFile, column: LogColumn) -> bool:
@@ -134,7 +161,7 @@ def _unit_of_counts(file: LogFile, name: str) -> str:
     middle, step = float(np.median(values)), float(np.median(np.diff(values)))
     if any(low < middle < high for low, high in SERIAL_DAYS) and 0.0 < step < MINUTE:
         return "d"
-    return next((unit for unit in ("s", "ms", "us", "ns") if _in_epoch(middle * (seconds_of(unit) or 1.0))), "")
+    return next((unit for unit in COUNTED if _in_epoch(middle * (seconds_of(unit) or 1.0))), "")
 
 
 def _in_epoch(seconds: float) -> bool:

@@ -71,8 +71,9 @@ def command(
     else:
         check_file(place, replace=overwrite)
         chosen = guessed(log_files[0], described, given=given, units=units, period=period, ask=_asked)
+    where = place if known else log_files[0].path
     for file in log_files:
-        check_fits(file, chosen, described, where=place if known else log_files[0].path)
+        check_fits(file, chosen, described, where=where, stated="time" in units)
     found = list[tuple[LogFile, list[Record]]]()
     for file in log_files:
         records, notes = records_of(file, chosen, described)

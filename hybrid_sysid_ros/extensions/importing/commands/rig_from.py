@@ -10,7 +10,7 @@ import typer
 
 from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.extensions.importing.commands.options import ColumnNames, ColumnUnits, OtherFiles, pairs
-from hybrid_sysid_ros.extensions.importing.generated_rig import is_stepped, made_rig, roles
+from hybrid_sysid_ros.extensions.importing.generated_rig import is_stepped, made_rig, never_changes, roles
 from hybrid_sysid_ros.extensions.importing.log_file import LogFile
 from hybrid_sysid_ros.extensions.importing.mapping import FILE
 from hybrid_sysid_ros.extensions.importing.readers import open_joined
@@ -52,6 +52,9 @@ def command(
         raise UserError(time)
     free = [item for item in free if item.name != time.column]
     chosen_in, chosen_out = roles(free, inputs, outputs, lambda name: is_stepped(log.read([name])[name]))
+    guessed = [name for name in (*chosen_in, *chosen_out) if name not in (*inputs, *outputs)]
+    constant = [name for name, values in log.read(guessed).items() if never_changes(values)]
+    chosen_in, chosen_out = ([name for name in chosen if name not in constant] for chosen in (chosen_in, chosen_out))
     for kind, chosen in (("input", chosen_in), ("output", chosen_out)):
         if not chosen:
             raise UserError(
@@ -69,7 +72,9 @@ def command(
         folder if folder.is_absolute() or str(folder).startswith((".", "~")) or "/" in str(folder) else f"./{folder}"
     )
     console.print(f"inputs: {', '.join(chosen_in)}; outputs: {', '.join(chosen_out)}; fits in steps of {made.step:g} s")
-    left = [item.name for item in free if item.name not in (*chosen_in, *chosen_out)]
+    if constant:
+        console.print(f"left out: {', '.join(constant[:30])}, which never changes")
+    left = [item.name for item in free if item.name not in (*chosen_in, *chosen_out, *constant)]
     if left and not (inputs and outputs):
         console.print(f"left out: {', '.join(left[:30])}, whose names don't say what they are (--input, --output)")
     for name, mapped in made.mapping.signals.items():

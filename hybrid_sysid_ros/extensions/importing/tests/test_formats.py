@@ -146,6 +146,15 @@ def test_a_sampling_rate_beside_the_samples_is_their_time(imported, tmp_path, wr
     assert "300 samples, 2.99 s, one in 0.01 s" in out
 
 
+def test_a_rig_of_a_table_has_the_units_of_its_names(program, tmp_path):
+    """As it has of a text file; numbers in brackets are places of an array."""
+    parquet(tmp_path / "a.parquet")
+    assert program("rig", "from", str(tmp_path / "a.parquet"), str(tmp_path / "unit_of_name"))[0] == 0
+    (output,) = rigs.load(str(tmp_path / "unit_of_name")).system.outputs
+    assert str(output) == "position [rad]"
+    assert log_file.unit_at_end("x[0]") == ""
+
+
 def odd_npz(path: Path) -> None:
     np.savez(path, **{"t": TIME, "drive [V]": DRIVE, "position": np.column_stack([POSITION, DRIVE])})
 

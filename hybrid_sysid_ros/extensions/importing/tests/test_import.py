@@ -227,7 +227,7 @@ def test_a_file_larger_than_the_memory_is_refused_before_it_is_read(imported, tm
         ("y_m", "", ["y", "m"]),
         ("sensor A", "", ["sensor", "a"]),
         ("voltage_m1", "", ["voltage", "m", "1"]),
-        ("n/(1/min)", "", ["n"]),
+        ("n/(1/min)", "1/min", ["n"]),
         ("/imu/m", "", ["m"]),
         ("level_min", "", ["level", "min"]),
         ("omega_deg_s", "deg/s", ["omega"]),

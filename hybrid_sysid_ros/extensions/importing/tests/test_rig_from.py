@@ -327,3 +327,16 @@ def test_a_sine_says_nothing_of_a_dead_time():
         later = lfilter([1e-3 / constant], [1.0, 1e-3 / constant - 1.0], late(values, 12))
         found = delays_of([later], [values], 1, 1e-3, 10.0)[0]
         assert found == pytest.approx(delay, abs=2)
+
+
+def test_a_column_that_nobody_named_and_that_never_changes_is_left_out(program, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    times, inputs, outputs = response(0.02)
+    np.savetxt("log.csv", np.column_stack([times, inputs, outputs, 0.0 * times + 21.0]), delimiter=",", comments="",
+               header="time,heater,temperature,room_temperature", fmt="%.12g")  # fmt: skip
+    status, said, error = program("rig", "from", "log.csv", "./still_room")
+    assert status == 0, error
+    assert "left out: room_temperature, which never changes" in said
+    assert len(hs.load_rig("./still_room").system.outputs) == 1
+    options = ("--input", "heater", "--output", "temperature", "--output", "room_temperature")
+    refused(program("rig", "from", "log.csv", "./named_room", *options), "always the same")

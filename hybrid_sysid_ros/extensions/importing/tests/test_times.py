@@ -160,3 +160,29 @@ def test_each_of_two_devices_keeps_its_own_times(imported, tmp_path, name, unit)
     record = read(tmp_path, "plc")
     np.testing.assert_allclose(record.output[:, 0], POSITION[5:], atol=1e-9)
     np.testing.assert_allclose(record.input[:394, 0], DRIVE[5:399], atol=1e-9)
+
+
+def dated(path, *, first=datetime(2024, 3, 3, 11, 59, 58)):
+    """Written with dates, from which a mapping has seconds."""
+    stamps = [(first + timedelta(seconds=time)).isoformat(timespec="milliseconds") for time in TIME.tolist()]
+    rows = [f"{stamp},{drive},{position}" for stamp, drive, position in zip(stamps, DRIVE, POSITION, strict=True)]
+    path.write_text("\n".join(["stamp,drive,position", *rows]))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("first", "words"), [(0.0, "seems to be in us, which is one sample in 0.01 s"), (1.7e9, "counts us since 1970")]
+)
+def test_counts_of_another_file_are_not_read_in_the_unit_of_its_dates(imported, tmp_path, first, words):
+    """One sample in 10 000 s, of a rig whose fits have one in 50 ms."""
+    status_of(imported(dated(tmp_path / "log.csv")))
+    counts = table(tmp_path / "more.csv", "stamp,drive,position", 1e6 * (first + TIME), DRIVE, POSITION, form="%.0f")
+    refused(imported(counts), words, "--unit time=")
+    seconds = table(tmp_path / "seconds.csv", "stamp,drive,position", TIME, DRIVE, POSITION)
+    assert "one in 0.01 s" in status_of(imported(seconds))
+
+
+def test_counts_that_nobody_says_a_unit_of_are_not_seconds_of_a_faster_rig(imported, tmp_path):
+    file = table(tmp_path / "log.csv", "stamp,drive,position", 1e6 * TIME, DRIVE, POSITION, form="%.3f")
+    refused(imported(file), "stamp seems to be in us", "--unit time=")
+    assert "one in 0.01 s" in status_of(imported(file, "--unit", "time=us"))
