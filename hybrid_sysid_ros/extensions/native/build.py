@@ -126,7 +126,7 @@ def _make(
     from hybrid_sysid_ros.extensions.export.unit.daqp_source import copy_to, daqp
     from hybrid_sysid_ros.extensions.export.unit.folder import sizes_of, tolerance_of, unit_name
     from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
-    from hybrid_sysid_ros.extensions.export.unit.replay import answers_of, largest_difference, recorded
+    from hybrid_sysid_ros.extensions.export.unit.replay import answers_of, difference_from, recorded
     from hybrid_sysid_ros.extensions.native import rig_text
 
     name, model = unit_name(rig.name), load(model_folder, rig=rig.source)
@@ -153,8 +153,8 @@ def _make(
     _finish(_start([by, *map(str, (*objects, *others)), "-o", str(place / NAME), *libraries.link, "-lm"]), NAME)
     questions, answers = recorded(rig, python, CHECKED)
     found = answers_of(BuiltUnit(library, name, single=False, **sizes_of(loop)), questions, python.estimator.period)
-    worst = max(largest_difference(found, answers).values())
     tolerance = tolerance_of(python, "recorded")
+    worst = max(difference_from(python, questions, answers, found, tolerance=tolerance).values())
     if not worst <= tolerance:
         raise UserError(f"--native: the compiled loop differs by {worst:.3g} from Python's, more than {tolerance:g}")
     for path in place.glob("*.o"):

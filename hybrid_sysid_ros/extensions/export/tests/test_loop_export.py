@@ -10,13 +10,21 @@ import pytest
 
 import hybrid_sysid_ros as hs
 from benchmarks import loop_fuzz
-from hybrid_sysid_ros.control.mpc.calls import HELD
+from hybrid_sysid_ros.control.mpc.calls import FAILED, HELD, NOT_CONVERGED, SOLVED
 from hybrid_sysid_ros.estimation import monitored_estimator
 from hybrid_sysid_ros.extensions.export import compiler
 from hybrid_sysid_ros.extensions.export.unit import built, daqp_source, folder, stack_use, unit
 from hybrid_sysid_ros.extensions.export.unit.printed_loop import RESTED
 from hybrid_sysid_ros.extensions.export.unit.python_loop import loop_in_python
-from hybrid_sysid_ros.extensions.export.unit.replay import SPELL, answers_of, largest_difference, recorded
+from hybrid_sysid_ros.extensions.export.unit.replay import (
+    SPELL,
+    PeriodAnswer,
+    PeriodQuestion,
+    answers_of,
+    difference_from,
+    largest_difference,
+    recorded,
+)
 from hybrid_sysid_ros.extensions.export.unit.unit import affine_initial_states
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -137,6 +145,49 @@ def test_a_target_that_would_answer_otherwise_is_refused_where_it_is_compiled(wr
 
 
 @needs_compiler
+class TwoSolutions:
+    """A controller that moves away from a corner, on whose other side rounding is."""
+
+    period, iterates = 0.01, True
+
+    def __init__(self):
+        self.estimator, self.command = self, np.zeros(1)
+
+    def reset(self):
+        pass
+
+    def prepare(self, elapsed):
+        pass
+
+    def step(self, time, outputs, applied, preview):
+        return answered(SOLVED, 1.0 if outputs[0] > 0.3 else -1.0)
+
+
+def answered(status, inputs):
+    return PeriodAnswer(status, np.array([inputs]), np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(2))
+
+
+def asked_at(reading):
+    return PeriodQuestion(0.0, np.array([reading]), np.zeros(1), np.zeros((1, 1)))
+
+
+@pytest.mark.parametrize(("reading", "iterates", "apart"), [(0.3, True, 0.0), (0.3, False, 2.0), (0.29, True, 2.0)])
+def test_between_two_solutions_rounding_decides_where_answers_are_iterated(reading, iterates, apart):
+    loop = TwoSolutions()
+    loop.iterates = iterates
+    questions = [asked_at(reading)] * 3
+    answers = answers_of(loop, questions, loop.period)
+    found = [answered(SOLVED, 1.0)] * 3
+    assert difference_from(loop, questions, answers, found, tolerance=1e-6)["inputs"] == apart
+
+
+def test_rounding_decides_whether_an_iteration_ends_within_its_tolerance_but_not_whether_it_fails():
+    of = {status: [answered(status, 1.0)] for status in (SOLVED, NOT_CONVERGED, FAILED)}
+    assert largest_difference(of[SOLVED], of[NOT_CONVERGED], share=0.95)["status"] == 0.0
+    assert largest_difference(of[SOLVED], of[NOT_CONVERGED])["status"] == np.inf
+    assert largest_difference(of[FAILED], of[NOT_CONVERGED], share=0.95)["status"] == np.inf
+
+
 def test_in_a_faulty_loop_a_sensor_is_left_out_and_a_second_estimate_brings_it_back(joint, written, monkeypatch):
     """In C as in Python, here of a rig with several sensors and without the compiler's optimisation."""
     rig, python = joint

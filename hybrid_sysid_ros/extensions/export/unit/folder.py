@@ -28,6 +28,7 @@ from hybrid_sysid_ros.extensions.export.unit.replay import (
     PeriodAnswer,
     PeriodQuestion,
     answers_of,
+    difference_from,
     largest_difference,
     odd,
     recorded,
@@ -208,12 +209,7 @@ def tolerance_of(python: PythonLoop, kind: str, *, single: bool = False) -> floa
     if single:
         low, high = python.limits
         return max(OF_FLOATS, SHARE_OF_FLOATS * float(np.max(high - low)))
-    return TOLERANCE if kind == "recorded" and _is_plain(python) else LOOSE
-
-
-def _is_plain(python: PythonLoop) -> bool:
-    """Whether each answer is one real-time iteration, which rounding changes little."""
-    return python.mpc.real_time and python.supervisor is None
+    return LOOSE if kind != "recorded" or python.iterates else TOLERANCE
 
 
 def unit_name(rig: str) -> str:
@@ -241,11 +237,12 @@ def _compared(
 ) -> dict[str, dict[str, float]]:
     """Largest differences. Raises UserError where one is above the tolerance, or an input leaves its bounds."""
     period = python.estimator.period
-    found = {
-        "recorded": largest_difference(answers_of(made, questions, period, sent=answers if single else ()), answers)
-    }
-    if single:
-        found["recorded"]["status"] = 0.0  # rounding decides which side of a threshold a number is on
+    mine = answers_of(made, questions, period, sent=answers if single else ())
+    if single:  # rounding decides which side of a threshold a number is on
+        found = {"recorded": largest_difference(mine, answers) | {"status": 0.0}}
+    else:
+        most = tolerance_of(python, "recorded")
+        found = {"recorded": difference_from(python, questions, answers, mine, tolerance=most)}
     others = list(odd(questions, more, period=period))
     if others and not single:
         wrong, expected = recorded(rig, python, SPELL * len(FAULTS), faults=True)

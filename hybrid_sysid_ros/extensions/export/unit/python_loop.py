@@ -70,6 +70,11 @@ class PythonLoop:
         return self.guarded.controller
 
     @property
+    def iterates(self) -> bool:
+        """Whether an answer may iterate to convergence, which rounding changes more than one real-time iteration."""
+        return not self.mpc.real_time or self.supervisor is not None
+
+    @property
     def on_way(self) -> InputsOnTheirWay | None:
         """What waits where inputs have different delays."""
         return self.controller.on_way if isinstance(self.controller, WaitingInputs) else None

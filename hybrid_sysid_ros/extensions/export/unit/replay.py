@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from hybrid_sysid_ros.control.mpc.calls import NOT_CONVERGED, SOLVED
 from hybrid_sysid_ros.extensions.export.unit.built import PeriodAnswer
 from hybrid_sysid_ros.extensions.export.unit.python_loop import PythonLoop
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -21,6 +22,8 @@ WILD = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0, 1e6, -1e6)
 UNKNOWN = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)
 """Applied inputs that no rig has. A million moves an unstable rig to 1e60, where rounding decides the sign."""
 
+ULP, ROUNDINGS = 2.0**-52, 8
+"""Relative rounding of a reading, and how many are tried."""
 
 FAULTS = ("flipped", "frozen", "outliers", "silent", "reversed", "stuck")
 """What the last sensor, all, the last actuator, and in the end all of them do in a loop with faults, one after the
@@ -128,11 +131,40 @@ def answers_of(
     return found
 
 
+def rounded(loop: PythonLoop, questions: Sequence[PeriodQuestion], *, seed: int) -> list[PeriodAnswer]:
+    """What a loop in Python answers to a recorded loop whose readings are moved by their rounding."""
+    random = np.random.default_rng(seed)
+    loop.command = questions[0].applied.copy()
+    by = ULP * random.normal(size=(len(questions), len(questions[0].outputs)))
+    moved = [asked._replace(outputs=asked.outputs * (1.0 + row)) for asked, row in zip(questions, by, strict=True)]
+    return answers_of(loop, moved, loop.estimator.period)
+
+
+def difference_from(
+    loop: PythonLoop, questions: Sequence[PeriodQuestion], answers: Sequence[PeriodAnswer],
+    found: Sequence[PeriodAnswer], *, tolerance: float,
+) -> dict[str, float]:  # fmt: skip
+    """:func:`largest_difference` of what was found from a recorded loop in Python.
+
+    Where that iterates to convergence its problem may have several local solutions, between which rounding decides, in
+    Python, too. While the difference exceeds the tolerance, the nearest of Python's answers to so many roundings of the
+    readings counts, period by period.
+    """
+    nearest, difference, seed = list(answers), largest_difference(found, answers), 0
+    while loop.iterates and not max(difference.values()) <= tolerance and seed < ROUNDINGS:
+        for k, other in enumerate(rounded(loop, questions, seed=seed)):
+            if np.max(np.abs(other.inputs - found[k].inputs)) < np.max(np.abs(nearest[k].inputs - found[k].inputs)):
+                nearest[k] = other
+        difference, seed = largest_difference(found, nearest), seed + 1
+    return difference
+
+
 def largest_difference(
     one: Sequence[PeriodAnswer], other: Sequence[PeriodAnswer], *, share: float = 1.0
 ) -> dict[str, float]:
     """The largest difference of each part, relative above 1; infinite where one is a number alone or has another
-    status. share: of the periods whose inputs count, those that are nearest.
+    status. share: of the periods whose inputs count, those that are nearest. Where it is less than all, rounding may
+    also decide whether an iteration ends within its tolerance or with its last step.
     """
     found: dict[str, Any] = {}
     for name in PeriodAnswer._fields[1:]:
@@ -142,5 +174,6 @@ def largest_difference(
             apart = np.where(same, 0.0, np.abs(a - b) / np.maximum(np.abs(b), 1.0))
         worst = np.sort(np.max(np.where(np.isnan(apart), np.inf, apart), axis=1, initial=0.0))
         found[name] = float(worst[math.ceil((share if name == "inputs" else 1.0) * len(worst)) - 1])
-    unlike = sum(a.status != b.status for a, b in zip(one, other, strict=True))
+    ends = {NOT_CONVERGED: SOLVED} if share < 1.0 else {}
+    unlike = sum(ends.get(a.status, a.status) != ends.get(b.status, b.status) for a, b in zip(one, other, strict=True))
     return found | {"status": math.inf if unlike else 0.0}
