@@ -4,6 +4,7 @@ import json
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -173,7 +174,7 @@ def asked_at(reading):
 
 @pytest.mark.parametrize(("reading", "iterates", "apart"), [(0.3, True, 0.0), (0.3, False, 2.0), (0.29, True, 2.0)])
 def test_between_two_solutions_rounding_decides_where_answers_are_iterated(reading, iterates, apart):
-    loop = TwoSolutions()
+    loop: Any = TwoSolutions()
     loop.iterates = iterates
     questions = [asked_at(reading)] * 3
     answers = answers_of(loop, questions, loop.period)
