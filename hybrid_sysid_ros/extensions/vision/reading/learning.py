@@ -14,7 +14,7 @@ from hybrid_sysid_ros.extensions.vision.reading.alignment import Points
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import EXPLAINED, AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.camera_motion import unknown_shake
 from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, PictureLayers
-from hybrid_sysid_ros.extensions.vision.reading.pivot import LONGEST, PIVOTED, PivotWay, pivoted
+from hybrid_sysid_ros.extensions.vision.reading.pivot import LONGEST, PIVOTED, PivotWay, ScaleWay, pivoted
 from hybrid_sysid_ros.extensions.vision.reading.regression import (
     Film,
     median_picture,
@@ -39,6 +39,7 @@ UNSETTLED = 0.3
 BROAD = 12
 """Waves around the pivot: what is as broad as half of one is no sprite that swings, but somebody who comes by."""
 PASSES = 6  # of sharpening in a round
+SCALED = 0.01  # pixels of the sprite's end, rms, by which the angles' scale may still be on its way
 COARSE = 4  # texels: the spacing at which a sprite's outline is looked for
 FEWEST = 40
 """Pictures that a learner needs."""
@@ -82,7 +83,7 @@ def learn(
     if not lit.all() and lit.sum() >= FEWEST:
         film, lights = film[lit], _lights(film[lit])
     layers, angles = _first_layers(film, lights, rig, readout, progress)
-    layers, way = _improved(film, lights, angles, layers, progress)
+    layers, way, scale = _improved(film, lights, angles, layers, progress)
     share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
     # pictures show one LONGEST of the way at least; where the pivot moves, angles are those that hang on none
     settled = way.left <= max(UNSETTLED, LONGEST * way.unsure)
@@ -100,7 +101,7 @@ def learn(
             f"what turns in the pictures reaches {share:.0%} as far from its pivot as the scene of {rig.name} says: is "
             f"it a video of {rig.name}? If it is, say where the pivot is (--pivot X,Y), or click it (--check)"
         )
-    unsure = scale_deviation(AngleReader(layers).points, angles, max(way.left, PIVOTED))
+    unsure = math.hypot(scale.left, scale_deviation(AngleReader(layers).points, angles, max(way.left, PIVOTED)))
     return replace(layers, geometry=replace(layers.geometry, zero=_zero(layers, rig), scale_deviation=unsure)), angles
 
 
@@ -137,17 +138,18 @@ def _first_layers(
 
 def _improved(
     film: Film, lights: Array, angles: Array, layers: PictureLayers, progress: Callable[[str], object]
-) -> tuple[PictureLayers, PivotWay]:
-    """Background, sprite, angles and pivot improved in turn, and the pivot's way; angles (pictures,) [rad] change.
+) -> tuple[PictureLayers, PivotWay, ScaleWay]:
+    """Background, sprite, angles and pivot improved in turn, the ways of pivot and scale; angles (pictures,) change.
 
     Raises UserError where the layers don't explain half of the pictures.
     """
     full = layers.geometry.high >= FULL
     gains = np.tile(lights[:, None], (1, film.shape[1]))
     good = np.isfinite(angles)
-    way = PivotWay()
+    way, scale = PivotWay(), ScaleWay()
     for turn in range(MOST_ROUNDS):
         progress(f"layers, round {turn + 1}")
+        given = angles.copy()
         layers = _regressed(film[good], gains[good], angles[good], layers)
         if not full:
             low, high = float(angles[good].min()), float(angles[good].max())
@@ -166,10 +168,13 @@ def _improved(
                 f"{good.sum()} of {len(film)} pictures; is it a video of {layers.geometry.rig}?"
             )
         gains[good] /= np.median(gains[good])
-        if turn == MOST_ROUNDS - 1 or (turn >= ROUNDS - 1 and way.left < PIVOTED):
+        unscaled = scale.left * layers.reach * _spread(angles[good])
+        if turn == MOST_ROUNDS - 1 or (turn >= ROUNDS - 1 and way.left < PIVOTED and unscaled < SCALED):
             break
         layers, angles[good] = pivoted(film[good], gains[good], angles[good], layers, reader, way)
-    return layers, way
+        both = good & np.isfinite(given)
+        angles[both] = scale.step(given[both], angles[both], alone=way.left < PIVOTED)
+    return layers, way, scale
 
 
 def _lights(film: Film) -> Array:
@@ -251,15 +256,18 @@ def _outlined(
     film: Film, lights: Array, angles: Array, still: NDArray[np.float32], geometry: Geometry, reach: float
 ) -> PictureLayers:
     """Layers whose texels are those about the sprite; none of them is regressed yet."""
-    size = 2 * math.ceil(reach) + 1
-    first = (-float(math.ceil(reach)), -float(math.ceil(reach)))
+    half = math.ceil(reach)
+    size, first = 2 * half + 1, (-float(half), -float(half))
     alpha, texture = np.zeros((size, size), dtype=np.float32), np.zeros((size, size), dtype=np.float32)
     wanted = np.zeros(alpha.shape, dtype=bool)
-    wanted[::COARSE, ::COARSE] = True
+    wanted[::COARSE, ::COARSE] = wanted[half, ::COARSE] = True
     gains = np.tile(lights[:, None], (1, still.shape[0]))
     pivot = (geometry.pivot_x, geometry.pivot_y)
     regress_texels(film, gains, angles, still, pivot, first, wanted, geometry.noise, alpha, texture)
     coarse = alpha[::COARSE, ::COARSE] > 0.1
+    broad = coarse.any(axis=0)
+    thin = ~(broad | np.roll(broad, 1) | np.roll(broad, -1))  # a needle may lie between rows, but not the pivot's
+    coarse[half // COARSE] |= thin & (alpha[half, ::COARSE] > 0.1)
     crowded = sum(np.roll(coarse, (i, k), (0, 1)).astype(int) for i in (-1, 0, 1) for k in (-1, 0, 1))
     coarse &= crowded >= 3  # one alone is noise
     for axis in (0, 1):
@@ -304,8 +312,13 @@ def scale_deviation(points: Points, angles: Array, left: float) -> float:
     best is 1 + e . sum p / sum p^2 times the true one: a bar that is held by its end has another scale then, and one
     that is held by its middle has not.
     """
-    spread = math.sqrt(max(1.0 - abs(np.mean(np.exp(1j * angles[np.isfinite(angles)]))) ** 2, 1e-12))
-    return float(left / spread * np.hypot(*points.mean(axis=0)) / np.mean(np.sum(points**2, axis=1)))
+    arm = np.hypot(*points.mean(axis=0)) / np.mean(np.sum(points**2, axis=1))
+    return float(left / _spread(angles[np.isfinite(angles)]) * arm)
+
+
+def _spread(angles: Array) -> float:
+    """Of angles (pictures,), rms of the places that they turn to a circle of radius 1 [rad]."""
+    return math.sqrt(max(1.0 - abs(np.mean(np.exp(1j * angles))) ** 2, 1e-12))
 
 
 def _zero(layers: PictureLayers, rig: Rig) -> float:

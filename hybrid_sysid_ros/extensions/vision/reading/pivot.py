@@ -1,4 +1,4 @@
-"""The place about which a sprite turns, as its pictures show it."""
+"""The place about which a sprite turns, and how far, as its pictures show it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from hybrid_sysid_ros.support.arrays import Array
 PIVOTED = 0.03  # pixels: as far as 50 pictures tell four numbers, each of which shows a place to .1
 ONWARD = 0.9  # cosine between two steps, above which they go one way, and are not noise
 LONGEST = 5.0  # times what the pictures show of a pivot's way, as layers that were learned about a wrong one hide most
+TOGETHER = 0.5  # of angles that swing by 60 degrees to each side: those farther apart go all around
 MOST_LIKE = 0.9  # correlation of a sway from one picture to the next that counts: of 160 pictures 8 tell then
 FARTHEST_PIVOT = 0.05  # widths: how far the scene's pivot may be off, a standard deviation
 FARTHEST_MOVE = 10.0  # pixels, of the sprite in one picture
@@ -55,6 +56,40 @@ class PivotWay:
         size = self._longer * seen
         self.left, self._last = max(size, self._last), size  # one small step may be its turning
         return self._longer * shown
+
+
+class ScaleWay:
+    """Way of the angles' scale from round to round: layers that were learned by angles which are too large agree with
+    them in part, as what is always hidden near the pivot may be anything; two rounds tell the share, as of a pivot.
+    """
+
+    def __init__(self) -> None:
+        self.left = math.inf
+        """By how much the angles are still to grow, relative."""
+        self._before, self._longer = 0.0, 1.0
+
+    def step(self, given: Array, found: Array, *, alone: bool) -> Array:
+        """The angles (pictures,) to learn the next layers by, where those that were learned by given ones found others
+        [rad]; the same where they go all around, and have no scale. alone: whether the pivot has settled,
+        as one beside its place has another scale.
+        """
+        (_, about, together), (middle, swings, _) = _swing(given), _swing(found)
+        if together < TOGETHER:
+            self.left = 0.0
+            return found
+        shown = float(about @ swings) / max(float(about @ about), 1e-12) - 1.0
+        ratio = shown / self._before if shown * self._before > 0.0 else 1.0
+        share = (1.0 - ratio) / self._longer if alone and ratio < 1.0 else 1.0
+        self._longer = max(min(1.0 / max(share, 1.0 / LONGEST), LONGEST), 1.0)
+        self._before, self.left = shown, self._longer * abs(shown)
+        return np.asarray(middle + (1.0 + self._longer * shown) / (1.0 + shown) * swings)
+
+
+def _swing(angles: Array) -> tuple[float, Array, float]:
+    """Their middle and angles (pictures,) from there [rad], and how near together they are, 1 where they are one."""
+    mean = np.mean(np.exp(1j * angles))
+    middle = float(np.angle(mean))
+    return middle, (angles - middle + math.pi) % (2.0 * math.pi) - math.pi, float(abs(mean))
 
 
 def _repeated(left: Array) -> float:

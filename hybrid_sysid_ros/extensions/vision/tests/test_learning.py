@@ -9,8 +9,15 @@ import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.learning import UNSETTLED, _first_angles, learn, scale_deviation
-from hybrid_sysid_ros.extensions.vision.reading.pivot import PivotWay
+from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry
+from hybrid_sysid_ros.extensions.vision.reading.learning import (
+    UNSETTLED,
+    _first_angles,
+    _outlined,
+    learn,
+    scale_deviation,
+)
+from hybrid_sysid_ros.extensions.vision.reading.pivot import PivotWay, ScaleWay
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.scene import scene_of, with_pivot
 from hybrid_sysid_ros.rigs.rig import load
@@ -133,6 +140,30 @@ def test_a_pivot_that_is_off_makes_as_large_a_scale_as_is_said(begin: float) -> 
     assert np.max(np.abs(scales)) == pytest.approx(stated, rel=0.05, abs=1e-3)
 
 
+@pytest.mark.parametrize(("agrees", "middle"), [(0.5, 0.0), (0.8, 3.1)])
+def test_angles_that_layers_agree_with_in_part_are_soon_of_the_true_size(agrees: float, middle: float) -> None:
+    """Layers that were learned by angles a fifth too large find them too large by half, or by four fifths, of that;
+    also about a middle at which a turn begins anew.
+    """
+    true: Array = middle + 0.05 * np.sin(np.linspace(0.0, 12.0, 100))
+    way, given = ScaleWay(), middle + 1.2 * (true - middle)
+    for _ in range(5):
+        found = true + agrees * (given - true)
+        given = (
+            true
+            + (way.step(given, (found + np.pi) % (2.0 * np.pi) - np.pi, alone=True) - true + np.pi) % (2.0 * np.pi)
+            - np.pi
+        )
+    assert np.ptp(given) == pytest.approx(np.ptp(true), rel=1e-3)
+    assert way.left < 1e-3
+
+
+def test_angles_that_go_all_around_have_no_scale() -> None:
+    way, angles = ScaleWay(), np.linspace(0.0, 6.0, 50)
+    assert way.step(angles, angles + 0.01, alone=True).tolist() == (angles + 0.01).tolist()
+    assert way.left == 0.0
+
+
 def test_a_film_in_which_nothing_moves_is_refused() -> None:
     film, _, _ = _film(45, angles=np.zeros(len(TIMES)))
     with pytest.raises(UserError, match="nothing that turns"):
@@ -177,3 +208,24 @@ def test_a_light_bar_that_rests_for_long_is_read_where_it_is_seen_and_not_where_
     known = np.isfinite(angles)
     assert known[30:].sum() > 20
     assert np.std(np.degrees(angles - truth)[known]) < 1.0  # improved later
+
+
+def test_the_outline_of_a_needle_reaches_to_its_end() -> None:
+    """It is thinner than the grid at which outlines are looked for, whose rows it lies along."""
+    angles: Array = 0.2 * np.sin(np.linspace(0.0, 12.0, 40))
+    y, x = np.mgrid[:90, :160] - np.array([45.0, 80.0])[:, None, None]
+    across, along = (
+        np.array([p * np.cos(angle) + sign * q * np.sin(angle) for angle in angles])
+        for p, q, sign in ((y, x, 1.0), (x, y, -1.0))
+    )
+    needle = np.clip(1.0 - np.abs(across), 0.0, 1.0) * (along > 0.0) * (along < 62.0)
+    film = (140.0 - 110.0 * needle).astype(np.uint8)
+    still = np.full((90, 160), 140.0, dtype=np.float32)
+    geometry = Geometry(
+        rig="", joint="", pivot_x=80.0, pivot_y=45.0, first_u=0.0, first_v=0.0, low=0.0, high=0.0, noise=0.5,
+        readout=0.0,
+    )  # fmt: skip
+    layers = _outlined(film, np.ones(40), angles, still, geometry, 62.0)
+    shown = np.flatnonzero(layers.alpha.any(axis=0)) + layers.first[0]
+    assert shown.min() <= 4.0
+    assert 58.0 <= shown.max() <= 70.0
