@@ -8,18 +8,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from typing import Any
 
 import daqp
 import numpy as np
 
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.stage_values import StageValues, affine_values, depend_on_states
+from hybrid_sysid_ros.core import System, trace
+from hybrid_sysid_ros.core.intervals import Nearest, nearest
+from hybrid_sysid_ros.core.stage_values import InputValues, StageValues, depend_on_states, values_by_inputs
+from hybrid_sysid_ros.core.symbolic import symbolic_output
 from hybrid_sysid_ros.core.trace import NotFiniteError
 from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.arrays import Array, Numbers
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, warn
 
 FAR, INFEASIBLE = 1e20, -1
 """What DAQP takes for no bound, and its flag where nothing is within all of them."""
@@ -56,7 +59,7 @@ class StageTerm:
     def __post_init__(self) -> None:
         where = f"mpc: term {self.name}"
         if not isinstance(self.name, str) or not self.name.isidentifier() or not isinstance(self.value, str):
-            raise UserError(f"{where}: a term needs a name and a formula, such as distance: {{value: hypot(x, y)}}")
+            raise UserError(f"{where}: a term needs a name and a formula, such as power: {{value: force * speed}}")
         for key in ("weight", "price", "margin"):
             given = getattr(self, key)
             object.__setattr__(self, key, tuple(given) if isinstance(given, list | tuple) else (given,))
@@ -108,7 +111,7 @@ def _term(item: Any) -> StageTerm:
         return item
     known = tuple(StageTerm.__dataclass_fields__)
     if not isinstance(item, Mapping) or not {"name", "value"} <= {*item}:
-        raise UserError(f"mpc: term {item!r} needs a name and a formula, such as distance: {{value: hypot(x, y)}}")
+        raise UserError(f"mpc: term {item!r} needs a name and a formula, such as power: {{value: force * speed}}")
     if wrong := [str(key) for key in item if key not in known]:
         raise UserError(f"mpc: term {item['name']}: unknown key {wrong[0]!r}: {errors.known(wrong[0], known)}")
     return StageTerm(**item)
@@ -133,6 +136,12 @@ def check_terms(system: System, terms: Sequence[StageTerm], stage: Sequence[str]
             f"mpc: term {error.name} is not finite where states and inputs are zero; keep divisors, roots and "
             "logarithms from zero, such as by sqrt(x**2 + 1e-6)"
         ) from error
+    if not _has_derivatives(system, terms, stage):
+        culprit = next((term for term in terms if not _has_derivatives(system, [term], stage)), terms[0])
+        raise UserError(
+            f"mpc: term {culprit.name} has no finite derivatives where states and inputs are zero; keep roots, "
+            "distances and angles from there, such as by sqrt(x**2 + y**2 + 1e-6)"
+        )
     for term, depends in zip(terms, moving, strict=True):
         if term.hard and depends:
             raise UserError(
@@ -140,26 +149,63 @@ def check_terms(system: System, terms: Sequence[StageTerm], stage: Sequence[str]
             )
 
 
+def _has_derivatives(system: System, terms: Sequence[StageTerm], stage: Sequence[str]) -> bool:
+    """Whether second derivatives are finite where states and inputs are zero."""
+    try:
+        trace.output_of(with_terms(system, terms, stage, curvature=True))
+    except NotFiniteError:
+        return False
+    return True
+
+
 def check_hard(
     system: System, terms: Sequence[StageTerm], stage: Sequence[str], values: Array, low: Numbers, high: Numbers
 ) -> None:
-    """Raise UserError for hard bounds between which no input is left at a stage, and name them; for terms that are
-    affine in the inputs, whose bounds are ``low`` and ``high`` (m,). values (N, q): of the stage's parameters.
+    """Raise UserError for hard bounds between which no input (m,) from low to high is left at a stage, and name the
+    fewest; warn where that is a guess. values (N, q): of the stage's parameters.
     """
-    hard = [k for k, term in enumerate(terms) if term.hard]
-    if not hard:
+    if not any(term.hard for term in terms):
         return
-    whole, m, first = with_terms(system, terms, stage), len(system.inputs), len(system.outputs)
-    for row in dict.fromkeys(map(tuple, values.tolist())):
-        affine, at, by = affine_values(whole, m, row)
-        single = [k for k in hard if affine[first + k]]
-        for group in (*combinations(single, 1), *combinations(single, 2), single):
-            own, rows = [terms[k] for k in group], [first + k for k in group]
-            upper = np.clip([*high, *([term.high for term in own] - at[rows])], -FAR, FAR)
-            lower = np.clip([*low, *([term.low for term in own] - at[rows])], -FAR, FAR)
-            if daqp.solve(np.eye(m), np.zeros(m), by[rows], upper, lower)[2] == INFEASIBLE:
-                names, number = " and ".join(term.name for term in own), values.tolist().index(list(row)) + 1
+    output, m, first = symbolic_output(with_terms(system, terms, stage)), len(system.inputs), len(system.outputs)
+    last, box = len(values), (np.array(low), np.array(high))
+    sound = set[Any]()
+    for number, row in enumerate(values.tolist(), 1):
+        hard = tuple(k for k, term in enumerate(terms) if term.hard and (number == last or not term.final))
+        if (hard, *row) in sound:
+            continue
+        sound.add((hard, *row))
+        left = partial(_left_between, values_by_inputs(output, m, row), terms, first, box)
+        beyond = left(hard).beyond
+        if beyond == 0.0:
+            continue
+        for group in (*combinations(hard, 1), *combinations(hard, 2), hard):
+            if left(group).certain:
                 raise UserError(
-                    f"mpc: the hard bounds of {names} leave no input at stage {number}, within those of the inputs; "
-                    "widen them, or make one soft"
+                    f"mpc: the hard bounds of {_named(terms, group)} leave no input at stage {number}, within those of "
+                    "the inputs; widen them, or make one soft"
                 )
+        warn(
+            f"mpc: the hard bounds of {_named(terms, hard)} perhaps leave no input at stage {number}, within those of "
+            f"the inputs: none was found, and the nearest is {beyond:.3g} beyond one of them; widen them, or make one "
+            "soft"
+        )
+
+
+def _named(terms: Sequence[StageTerm], group: Sequence[int]) -> str:
+    return " and ".join(terms[k].name for k in group)
+
+
+def _left_between(
+    found: InputValues, terms: Sequence[StageTerm], first: int, box: tuple[Array, Array], group: Sequence[int]
+) -> Nearest:
+    """Whether inputs within a box keep the bounds of a group of terms, whose values begin at the row ``first``."""
+    rows = [first + k for k in group]
+    least, most = (np.array([getattr(terms[k], side) for k in group]) for side in ("low", "high"))
+    if not all(found.affine[row] for row in rows):
+        return nearest(found.function, rows, box, (least, most))
+    lower, upper = (
+        np.clip([*end, *(side - found.at[rows])], -FAR, FAR) for end, side in zip(box, (least, most), strict=True)
+    )
+    m = len(box[0])
+    flag = daqp.solve(np.eye(m), np.zeros(m), found.by[rows], upper, lower)[2]
+    return Nearest(float(flag == INFEASIBLE), flag == INFEASIBLE)

@@ -7,7 +7,7 @@ import math
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi
 import numpy as np
@@ -138,9 +138,9 @@ def evaluated(text: str, known: Mapping[str, Scalar], where: str) -> Scalar:
     try:
         return value(ast.parse(text.strip(), mode="eval").body)
     except (SyntaxError, ValueError, RecursionError) as error:
-        raise UserError(f"{where}: {text!r} is no formula") from error
+        raise UserError(f"{where}: {errors.shown(text)} is no formula") from error
     except (ZeroDivisionError, OverflowError, TypeError, NotImplementedError) as error:
-        raise UserError(f"{where}: {text!r} is not a number: {error}") from error
+        raise UserError(f"{where}: {errors.shown(text)} is not a number: {error}") from error
 
 
 def depend_on_states(system: System) -> list[bool]:
@@ -150,15 +150,27 @@ def depend_on_states(system: System) -> list[bool]:
     return [bool(casadi.depends_on(value, x)) for value in casadi.vertsplit(output(x, u))]
 
 
-def affine_values(system: System, count: int, further: Sequence[float]) -> tuple[list[bool], Array, Array]:
-    """Whether each output of a system is affine in its first ``count`` inputs; values (outputs,) and derivatives
-    (outputs, count) where states and these are 0. further: the inputs behind them; those that are missing are 0.
+class InputValues(NamedTuple):
+    """Values of a system by its first inputs alone (inputs,), where states are 0."""
+
+    function: casadi.Function
+    """inputs -> values."""
+    affine: list[bool]
+    """Whether each is affine."""
+    at: Array
+    """(values,), where the inputs are 0."""
+    by: Array
+    """Their derivatives there, (values, inputs)."""
+
+
+def values_by_inputs(output: casadi.Function, count: int, further: Sequence[float]) -> InputValues:
+    """Values of a system's output map (:func:`~.symbolic.symbolic_output`) by its first ``count`` inputs. further: the
+    inputs behind them; missing ones are 0.
     """
-    x, u = casadi.DM.zeros(len(system.states)), casadi.SX.sym("u", len(system.inputs))
-    found = symbolic_output(system)(x, u)
-    slopes = casadi.jacobian(found, u)[:, :count]
-    at = np.zeros(len(system.inputs))
-    at[count : count + len(further)] = further
-    values, by = casadi.Function("values", [u], [found, slopes])(at)
-    affine = [not casadi.depends_on(slopes[k, :], u[:count]) for k in range(len(system.outputs))]
-    return affine, np.array(values)[:, 0], np.array(by)
+    u, behind = casadi.SX.sym("u", count), np.zeros(output.numel_in(1) - count)
+    behind[: len(further)] = further
+    found = casadi.densify(output(casadi.DM.zeros(output.numel_in(0)), casadi.vertcat(u, behind)))
+    slopes = casadi.jacobian(found, u)
+    values, by = casadi.Function("values", [u], [found, slopes])(np.zeros(count))
+    affine = [not casadi.depends_on(slopes[k, :], u) for k in range(found.numel())]
+    return InputValues(casadi.Function("values", [u], [found]), affine, np.array(values)[:, 0], np.array(by))

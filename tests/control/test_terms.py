@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, replace
 from typing import Any
 
+import casadi
 import numpy as np
 import pytest
 
@@ -15,6 +16,7 @@ from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.safety.supervision import _allowed
 from hybrid_sysid_ros.control.terms import terms_of, with_terms
 from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.core.intervals import enclosed
 from hybrid_sysid_ros.core.symbolic import symbolic_output
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control.two_inputs import PROBLEM, Arms, instance
@@ -27,6 +29,7 @@ TERMS = {
     "disc": {"value": "first_torque**2 + second_torque**2", "high": 1.5, "hard": True},
     "together": {"value": "first - second", "weight": 20.0, "final": True},
 }
+LINE = {"value": "first_torque + second_torque", "low": 3.2, "hard": True}
 STAGE = {"limit": np.linspace(0.95, 0.9, PROBLEM.horizon)}
 
 
@@ -136,6 +139,7 @@ def test_a_declaration_is_plain_data():
         ({"value": "__import__('os')", "price": 1.0}, "__import__ is unknown"),
         ({"value": "1 / 0", "price": 1.0}, "is not a number"),
         ({"value": "1 / first", "price": 1.0}, "term broken is not finite"),
+        ({"value": "hypot(first, second)", "price": 1.0}, "term broken has no finite derivatives"),
         ({"value": "first", "high": 1.0, "hard": True}, "a hard bound is for inputs alone"),
         ({"value": "first"}, "has no effect"),
         ({"value": "first", "weight": -1.0}, "at least 0"),
@@ -164,6 +168,51 @@ def test_hard_bounds_that_leave_no_input_are_named_with_their_stage():
     declared(terms={"low": low, "high": high}, stage_parameters={"limit": limit + 0.2}).sized(ARMS)
     with pytest.raises(UserError, match="the hard bounds of low leave no input at stage 1"):
         declared(terms={"low": {**low, "low": 1e3}}).sized(ARMS)
+
+
+def test_hard_bounds_that_bend_and_leave_no_input_are_named_too():
+    """Between a disc and a line beside it: sqrt(2) from the origin, where the inputs' own bounds are wider."""
+    ring = {"value": "sqrt(first_torque**2 + second_torque**2 + 1e-12)", "high": 1.0, "hard": True}
+    line = {**LINE, "value": f"{LINE['value']} - limit", "low": 0.0}
+    sine = {"value": "sin(first_torque)", "high": 0.9, "hard": True}
+    limit = np.where(np.arange(PROBLEM.horizon) < 4, math.sqrt(2.0) - 1e-3, math.sqrt(2.0) + 1e-3)
+    given = {"terms": {"sine": sine, "ring": ring, "line": line}}
+    with pytest.raises(UserError, match="the hard bounds of ring and line leave no input at stage 5"):
+        declared(**given, stage_parameters={"limit": limit}).sized(ARMS)
+    declared(**given, stage_parameters={"limit": limit - 2e-3}).sized(ARMS)
+    with pytest.raises(UserError, match="the hard bounds of ring leave no input at stage 1, "):
+        declared(terms={"ring": {**ring, "low": 4.0, "high": 5.0}}).sized(ARMS)
+    with pytest.raises(UserError, match="the hard bounds of sine and line leave no input at stage 12, "):
+        declared(terms={"sine": {**sine, "low": 0.9, "high": 1.0}, "line": {**LINE, "final": True}}).sized(ARMS)
+
+
+def test_hard_bounds_that_seem_to_leave_no_input_are_told_as_a_guess():
+    """An angle is never above pi, but over a box its bounds are not known here."""
+    angle = "atan2(second_torque, first_torque + 1e-9)"
+    ring = {"value": "first_torque**2 + second_torque**2", "low": 0.99, "high": 1.0, "hard": True}
+    turned = {"value": angle, "low": 3.2, "hard": True}
+    with pytest.warns(RuntimeWarning, match="ring and turned perhaps leave no input at stage 1.*beyond one of them"):
+        declared(terms={"ring": ring, "turned": turned}, stage_parameters={}).sized(ARMS)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_intervals_enclose_what_a_function_is_within_a_box(seed):
+    functions = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "fabs")
+    u = casadi.SX.sym("u", 2)
+    values = [getattr(casadi, name)(u[0]) for name in functions] + [u[0] * u[1], u[0] / u[1], u[0] ** -3, u[0] ** u[1]]
+    values += [u[0] ** 2 - u[1], u[0] ** 4, u[0] ** 3, u[0] ** 1.5, casadi.hypot(u[0], u[1]), casadi.atan2(u[0], u[1])]
+    function, random = casadi.Function("values", [u], [casadi.vertcat(*values)]), np.random.default_rng(seed)
+    low = random.uniform(-3.0, 3.0, (200, 2))
+    high = low + random.uniform(0.0, 3.0, low.shape)
+    lowest, highest = enclosed(function, (low, high))
+    assert np.isfinite(highest).mean() > 0.5
+    for _ in range(20):
+        at = low + (high - low) * random.uniform(size=low.shape)
+        with np.errstate(invalid="ignore"):
+            found = function(at.T).full().T
+        known = ~np.isnan(found)
+        assert np.all((lowest - 1e-9 * np.abs(found) <= found)[known])
+        assert np.all((found <= highest + 1e-9 * np.abs(found))[known])
 
 
 @pytest.mark.parametrize(
