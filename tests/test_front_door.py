@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,6 +19,7 @@ import hybrid_sysid_ros as hs
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.identification import evaluate
 from hybrid_sysid_ros.library.arguments import given_columns, given_sampling
+from hybrid_sysid_ros.library.loops import used_model
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from tests.shared import Frame
@@ -232,6 +234,17 @@ def test_a_model_may_move_in_place_of_the_rig(things: SimpleNamespace) -> None:
     real = hs.simulate("cam_beam", things.model, **given)
     moved = hs.simulate("cam_beam", things.model, plant=things.model, **given)
     assert not np.array_equal(real.states, moved.states)
+
+
+def test_a_rig_without_a_model_moves_by_the_equations_of_its_class(tmp_path: Path) -> None:
+    """As a textbook has them, before anything is recorded."""
+    copied = tmp_path / "my_joint"
+    shutil.copytree(hs.load_rig("flexible_joint").folder, copied, ignore=shutil.ignore_patterns("__pycache__"))
+    rig = hs.load_rig(copied)
+    with pytest.warns(RuntimeWarning, match="no model of my_joint is given"):
+        used = used_model(rig, None)
+    assert used.system is rig.system
+    assert used.standard_errors == {}
 
 
 def test_figures_show_what_was_measured_and_simulated(things: SimpleNamespace) -> None:

@@ -21,17 +21,18 @@ from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.compiling import announce_compiling
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
+from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import controller_model, defaults, mpc_problem, shipped
 from hybrid_sysid_ros.runtime.configuration import parameters as parameters_of
 from hybrid_sysid_ros.runtime.controllers import controller_of
-from hybrid_sysid_ros.runtime.parameters import check_rules, grow, unknown
+from hybrid_sysid_ros.runtime.parameters import NothingShippedError, check_rules, grow, unknown
 from hybrid_sysid_ros.runtime.references import KINDS, signal_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError, shown
+from hybrid_sysid_ros.support.errors import UserError, shown, warn
 from hybrid_sysid_ros.support.text_table import text_table
 
 ReferenceLike: TypeAlias = str | float | ArrayLike | Callable[[Array], ArrayLike]
@@ -180,10 +181,17 @@ def simulate(
 
 
 def used_model(rig: Rig, model: AnyModel | None) -> Model:
-    """A model of the rig, by default the one that comes with the package."""
-    if model is None:
+    """A model of the rig, by default the one that comes with the package. Where none does, the equations of the rig's
+    class stand for one, with the values there, and a warning says so.
+    """
+    if model is not None:
+        return sealed(arguments.given_model(model, rig))
+    try:
         return load_model(shipped(rig.name, "model"), rig=rig.source)
-    return sealed(arguments.given_model(model, rig))
+    except NothingShippedError:
+        warn(f"no model of {rig.name} is given: the equations of its class stand for one, with the values there")
+    known = {"structure": "gray", "sampling": Sampling(), "names": (), "covariance": np.zeros((0, 0))}
+    return Model(rig=rig.name, place=rig.source, system=rig.system, training_range={}, **known).sealed()
 
 
 def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:
