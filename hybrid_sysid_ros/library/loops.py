@@ -190,8 +190,16 @@ def used_model(rig: Rig, model: AnyModel | None) -> Model:
         return load_model(shipped(rig.name, "model"), rig=rig.source)
     except NothingShippedError:
         warn(f"no model of {rig.name} is given: the equations of its class stand for one, with the values there")
-    known = {"structure": "gray", "sampling": Sampling(), "names": (), "covariance": np.zeros((0, 0))}
-    return Model(rig=rig.name, place=rig.source, system=rig.system, training_range={}, **known).sealed()
+    return Model(
+        rig=rig.name,
+        place=rig.source,
+        structure="gray",
+        system=rig.system,
+        sampling=Sampling(),
+        names=(),
+        covariance=np.zeros((0, 0)),
+        training_range={},
+    ).sealed()
 
 
 def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:

@@ -17,6 +17,9 @@ def test_the_blocks_of_the_guide_run_in_turn():
         exec(compile(block, str(PAGE), "exec"), known)
     assert known["answers"].solved.all()
     assert known["near"].solved.all()
+    assert np.all(known["stop"].states[:, 0] <= np.linspace(0.03, 0.01, 15) + 1e-6)
+    assert np.abs(known["stop"].states[-1, 1]) <= 0.01 + 1e-6
+    assert np.abs(known["stop"].inputs).max() <= 3.0 + 1e-6
     assert np.unique(known["plan"].inputs).size == 6
     assert 0.0 < min(known["margins"]) <= max(known["margins"]) < 0.05
     assert np.abs(known["stays"].inputs - known["point"].inputs).max() < 1e-3

@@ -179,7 +179,10 @@ def test_hard_bounds_that_bend_and_leave_no_input_are_named_too():
     given = {"terms": {"sine": sine, "ring": ring, "line": line}}
     with pytest.raises(UserError, match="the hard bounds of ring and line leave no input at stage 5"):
         declared(**given, stage_parameters={"limit": limit}).sized(ARMS)
-    declared(**given, stage_parameters={"limit": limit - 2e-3}).sized(ARMS)
+    mpc = ExactMpc(ARMS, declared(**given, stage_parameters={"limit": limit - 2e-3}))
+    mpc.assign(limit=limit)
+    with pytest.raises(UserError, match="the hard bounds of ring and line leave no input at stage 5"):
+        mpc.check()
     with pytest.raises(UserError, match="the hard bounds of ring leave no input at stage 1, "):
         declared(terms={"ring": {**ring, "low": 4.0, "high": 5.0}}).sized(ARMS)
     with pytest.raises(UserError, match="the hard bounds of sine and line leave no input at stage 12, "):

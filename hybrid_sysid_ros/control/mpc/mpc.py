@@ -28,6 +28,7 @@ from hybrid_sysid_ros.control.mpc.horizon import Instance, new_instance
 from hybrid_sysid_ros.control.mpc.sequential import LIFTED
 from hybrid_sysid_ros.control.mpc.shooting import FEEDBACK, UNCHECKED, HorizonMemory, rollout, shooting
 from hybrid_sysid_ros.control.problem import ControlProblem
+from hybrid_sysid_ros.control.terms import check_hard
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -139,6 +140,12 @@ class ExactMpc:
         self.problem.assign(self._shooting.prediction.stage, values)
         if self._call["way"][0] in (FEEDBACK, UNCHECKED):
             prepare_again(self.compiled)
+
+    def check(self) -> None:
+        """Raise UserError where hard bounds leave no input with the parameters that the stages have now."""
+        known, names = self.problem, [name for name, _ in self.problem.stage_parameters]
+        stage = self._shooting.prediction.stage
+        check_hard(self.system, known.terms, names, stage, known.input_low, known.input_high)
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
         """Take another controller's plan as the last one: inputs (N, m) and their states (N + 1, n) under an input
