@@ -31,6 +31,9 @@ class Cascade:
         self._low, self._high = limits
         self.reset()
 
+    def __repr__(self) -> str:
+        return f"Cascade({self.controller!r})"
+
     def reset(self) -> None:
         """Forget all past states and plans."""
         self.controller.reset()

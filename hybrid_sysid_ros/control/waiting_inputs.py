@@ -147,6 +147,9 @@ class WaitingInputs:
         )
         self.reset()
 
+    def __repr__(self) -> str:
+        return f"WaitingInputs({self.controller!r})"
+
     def reset(self) -> None:
         """Forget what is on its way."""
         self.controller.reset()

@@ -55,6 +55,7 @@ def test_the_faster_input_waits_and_the_loop_is_that_of_equal_delays() -> None:
     np.testing.assert_allclose(sent[4:, 0], given[4:, 0], atol=1e-5)
     np.testing.assert_allclose(sent[4:, 1], given[2:-2, 1], atol=1e-5)
     assert np.abs(np.diff(given[:, 1])).max() > 0.1
+    assert repr(waiting).startswith("WaitingInputs(ExactMpc(Uneven: ")
 
 
 def test_what_waits_is_forgotten_at_a_reset_and_never_sent_as_nan() -> None:
