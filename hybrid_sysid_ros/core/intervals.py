@@ -15,8 +15,8 @@ import scipy
 
 from hybrid_sysid_ros.support.arrays import Array
 
-Interval = tuple[Array, Array]
-"""Lowest and highest values, of each box; infinite where nothing is known."""
+Sides = tuple[Array, Array]
+"""Lowest and highest values, of each box or of one; infinite where nothing is known."""
 
 BOXES, HALVINGS = 20_000, 60
 """Most boxes at a time, and most halvings of one."""
@@ -34,7 +34,7 @@ class Nearest(NamedTuple):
     """Whether nothing is within them for certain; else that is a guess."""
 
 
-def nearest(function: casadi.Function, rows: Sequence[int], box: Interval, bounds: Interval) -> Nearest:
+def nearest(function: casadi.Function, rows: Sequence[int], box: Sides, bounds: Sides) -> Nearest:
     """Whether some rows of a function of a vector (entries,) can be within their bounds, (rows,) each, where that is
     within a box, (entries,) each.
 
@@ -65,7 +65,7 @@ def nearest(function: casadi.Function, rows: Sequence[int], box: Interval, bound
     return Nearest(beyond if beyond > NEAR else 0.0, False)
 
 
-def _searched(function: casadi.Function, rows: Sequence[int], begin: Array, box: Interval, bounds: Interval) -> float:
+def _searched(function: casadi.Function, rows: Sequence[int], begin: Array, box: Sides, bounds: Sides) -> float:
     """The least distance t of values from their bounds that a local search finds: min t, bounds - t <= f(u) <= bounds
     + t.
     """
@@ -84,9 +84,9 @@ def _searched(function: casadi.Function, rows: Sequence[int], begin: Array, box:
     return max(0.0, -float(room(within).min()))
 
 
-def enclosed(function: casadi.Function, box: Interval) -> Interval:
+def enclosed(function: casadi.Function, box: Sides) -> Sides:
     """Bounds (boxes, rows) of a function whose argument is within boxes, (boxes, entries) each."""
-    (low, high), work = box, dict[int, Interval]()
+    (low, high), work = box, dict[int, Sides]()
     shape = len(low), function.numel_out(0)
     lowest, highest = np.zeros(shape), np.zeros(shape)
     with np.errstate(all="ignore"):
@@ -110,42 +110,42 @@ def enclosed(function: casadi.Function, box: Interval) -> Interval:
 # ---------------------------------------------------------------------- operations
 
 
-def _unknown(x: Interval, *_: Interval) -> Interval:
+def _unknown(x: Sides, *_: Sides) -> Sides:
     return np.full_like(x[0], -np.inf), np.full_like(x[0], np.inf)
 
 
-def _span(*values: Array) -> Interval:
+def _span(*values: Array) -> Sides:
     return np.minimum.reduce(values), np.maximum.reduce(values)
 
 
-def _ends(function: Any, least: float = -np.inf, most: float = np.inf) -> Callable[[Interval], Interval]:
+def _ends(function: Any, least: float = -np.inf, most: float = np.inf) -> Callable[[Sides], Sides]:
     """Of a function that rises or falls from least to most. Outside it is no number, and so within no bounds."""
     return lambda x: _span(function(np.clip(x[0], least, most)), function(np.clip(x[1], least, most)))
 
 
-def _negative(x: Interval) -> Interval:
+def _negative(x: Sides) -> Sides:
     return -x[1], -x[0]
 
 
-def _sum(x: Interval, y: Interval) -> Interval:
+def _sum(x: Sides, y: Sides) -> Sides:
     return x[0] + y[0], x[1] + y[1]
 
 
-def _product(x: Interval, y: Interval) -> Interval:
+def _product(x: Sides, y: Sides) -> Sides:
     return _span(x[0] * y[0], x[0] * y[1], x[1] * y[0], x[1] * y[1])
 
 
-def _inverse(x: Interval) -> Interval:
+def _inverse(x: Sides) -> Sides:
     around = (x[0] <= 0.0) & (x[1] >= 0.0)
     return np.where(around, -np.inf, 1.0 / x[1]), np.where(around, np.inf, 1.0 / x[0])
 
 
-def _magnitude(x: Interval) -> Interval:
+def _magnitude(x: Sides) -> Sides:
     least, most = _span(np.abs(x[0]), np.abs(x[1]))
     return np.where((x[0] <= 0.0) & (x[1] >= 0.0), 0.0, least), most
 
 
-def _power(x: Interval, y: Interval) -> Interval:
+def _power(x: Sides, y: Sides) -> Sides:
     exponent = float(y[0][0])
     if np.any(y[0] != exponent) or np.any(y[1] != exponent):
         return _ends(np.exp)(_product(y, _ends(np.log, 0.0)(x)))
@@ -155,7 +155,7 @@ def _power(x: Interval, y: Interval) -> Interval:
     return raised(_magnitude(x) if exponent % 2.0 == 0.0 else x)
 
 
-def _sine(x: Interval) -> Interval:
+def _sine(x: Sides) -> Sides:
     least, most = _span(np.sin(x[0]), np.sin(x[1]))
 
     def passes(angle: float) -> Any:
@@ -164,11 +164,11 @@ def _sine(x: Interval) -> Interval:
     return np.where(passes(-0.5 * np.pi), -1.0, least), np.where(passes(0.5 * np.pi), 1.0, most)
 
 
-def _cosine(x: Interval) -> Interval:
+def _cosine(x: Sides) -> Sides:
     return _sine((x[0] + 0.5 * np.pi, x[1] + 0.5 * np.pi))
 
 
-_RULES: dict[int, Callable[..., Interval]] = {
+_RULES: dict[int, Callable[..., Sides]] = {
     **{getattr(casadi, f"OP_{name.upper()}"): _ends(getattr(np, name)) for name in ("exp", "sinh", "tanh")},
     casadi.OP_LOG: _ends(np.log, 0.0),
     casadi.OP_SQRT: _ends(np.sqrt, 0.0),
