@@ -151,27 +151,21 @@ def scaled(
     figure.update_yaxes(title=f"[{unit}]", secondary_y=True, **axis, **other)
 
 
-def stems(figure: go.Figure, row: int, column: int, test: ResidualTest, period: float) -> None:
-    """Draw coefficients over their lags as bars, with another colour beyond the bounds."""
+def stems(test: ResidualTest, period: float) -> tuple[go.Bar, dict[str, Any], tuple[float, float]]:
+    """Coefficients over their lags as bars, with another colour beyond the bounds; the area of the bounds as a shape;
+    and the range that shows both.
+    """
     colours = np.where(np.abs(test.values) > test.bound, BOUND, ERROR).tolist()
-    lags = np.asarray(period * test.lags)
     bars = go.Bar(
-        **data(lags, test.values), marker={"color": colours, "line": {"width": 0}}, width=0.55 * period,
-        hovertemplate="lag %{x:.2f} s: %{y:.3f}<extra></extra>",
+        **data(np.asarray(period * test.lags), test.values), marker={"color": colours, "line": {"width": 0}},
+        width=0.55 * period, hovertemplate="lag %{x:.2f} s: %{y:.3f}<extra></extra>",
     )  # fmt: skip
-    figure.add_trace(bars, row=row, col=column)
-    figure.add_hrect(
-        y0=-test.bound,
-        y1=test.bound,
-        fillcolor=REFERENCE,
-        opacity=0.22,
-        line_width=0,
-        layer="below",
-        row=row,
-        col=column,
-    )
+    area = {
+        "type": "rect", "x0": 0, "x1": 1, "y0": -test.bound, "y1": test.bound,
+        "fillcolor": REFERENCE, "opacity": 0.22, "line": {"width": 0}, "layer": "below",
+    }  # fmt: skip
     span = 1.1 * max(float(np.max(np.abs(test.values))), 1.4 * test.bound)
-    figure.update_yaxes(range=[-span, span], row=row, col=column)
+    return bars, area, (-span, span)
 
 
 def data(x: Array, y: Array) -> dict[str, Any]:

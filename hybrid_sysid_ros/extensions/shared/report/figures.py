@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -50,13 +51,19 @@ def residual_tests(section: IdentificationSection) -> go.Figure:
         horizontal_spacing=0.035,
         vertical_spacing=0.2 / max(len(runs), 2),
     )
-    period = section.model.sampling.period
-    for row, run in enumerate(runs, start=1):
-        for column, name in enumerate(columns, start=1):
-            if name in run.tests:
-                charts.stems(figure, row, column, run.tests[name], period)
-        label = _beside(run, section.model.rig)
-        figure.update_yaxes(title={"text": label, "font": {"size": 10}, "standoff": 4}, row=row, col=1)
+    period, shapes = section.model.sampling.period, list[dict[str, Any]]()
+    places = [(row, column) for row in range(len(runs)) for column in range(len(columns))]
+    for place, (row, column) in enumerate(places, start=1):
+        run, name = runs[row], list(columns)[column]
+        axis = figure.layout[f"yaxis{place}"]
+        if name in run.tests:
+            bars, area, axis.range = charts.stems(run.tests[name], period)
+            figure.add_trace(bars, row=1 + row, col=1 + column)
+            drawn = figure.data[-1]
+            shapes.append({**area, "xref": f"{drawn.xaxis} domain", "yref": drawn.yaxis})
+        if not column:
+            axis.title = {"text": _beside(run, section.model.rig), "font": {"size": 10}, "standoff": 4}
+    figure.update_layout(shapes=shapes)  # at once, since plotly looks through all of them for each that is added
     charts.dress(figure, 100 + 118 * len(runs))
     figure.update_xaxes(showticklabels=True, nticks=5, tickfont={"size": 9})
     figure.update_yaxes(nticks=4, tickfont={"size": 9})
