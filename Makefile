@@ -29,11 +29,12 @@ demo: .venv/ros $(if $(TRAINED),.venv/train) $(if $(FILMED),.venv/video)
 
 # Hundreds of processes of the tests import the package: its bytecode is kept, whatever the environment says.
 test test-slow: export PYTHONDONTWRITEBYTECODE :=
-# Two workers on few cores: threads of linear algebra that spin slow each other down.
+# Several workers on few cores: threads of linear algebra that spin slow each other down.
 test test-slow: export OMP_NUM_THREADS := 1
 
+# One worker more than two cores: a fifth of the time tests wait for nodes and processes.
 test: .venv/ros .venv/dev .venv/train
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m 'not slow'
+	$(BIN)/python -m pytest --numprocesses 3 --dist worksteal -m 'not slow'
 
 test-slow: .venv/ros .venv/dev .venv/train
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m slow

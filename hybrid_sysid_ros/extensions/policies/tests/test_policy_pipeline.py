@@ -43,7 +43,7 @@ JOINT = ControlProblem(
 )
 
 
-@pytest.fixture(scope="module", params=["beam", "carts", "joint"])
+@pytest.fixture(scope="module", params=["carts", "joint"])
 def made(request, rig, flexible_joint, tmp_path_factory):
     """System, problem and spread, and the folder of a policy that was trained for them."""
     training = pytest.importorskip("hybrid_sysid_ros.extensions.policies.training", exc_type=ImportError)
