@@ -238,6 +238,6 @@ def test_a_loop_of_two_inputs_and_two_outputs_stands_in_a_report(tmp_path):
     loop_figures = pytest.importorskip("hybrid_sysid_ros.extensions.shared.report.loop_figures")
     assert section.rmse == pytest.approx({"out": 1.0, "apart": 2.0})
     assert section.units == {"out": "mm", "apart": "mm"}
-    for figure in (loop_figures.tracking(section), loop_figures.zoom(section, "apart")):
+    for figure in (loop_figures.tracking(section), loop_figures.zoom(section, section.windows["apart"])):
         titles = {axis.title.text for axis in figure.select_yaxes() if axis.title.text}
         assert {"gap [mm]", "left_push [N]", "right_push [N]"} <= titles

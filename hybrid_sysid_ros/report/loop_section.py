@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.control.safety.failsafe import LoopState
 from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 DRIVING = LoopState.DRIVING.word
@@ -19,17 +17,16 @@ SAME_REFERENCE = 1e-3
 """Largest median distance of a loop's reference from the rig's, relative to its peak, for both to be the same."""
 SMOOTH = ("sine", "multisine", "swept_sine")
 """Kinds of references without jumps."""
-STEP_SHOWN, SMOOTH_SHOWN = (1.0, 2.25), (5.0, 15.0)
-"""Windows that are enlarged, in horizons: before and after a step, or start and end in a smooth part."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Window:
-    """A window [s] in which tracking of an output is judged or shown."""
+    """A window [s] in which tracking of an output is judged or shown. smooth: its reference has no jumps."""
 
     output: int
     start: float
     stop: float
+    smooth: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,10 +36,6 @@ class ClosedLoopSection:
     loop: LoopRecord
     windows: Mapping[str, Window] = field(default_factory=dict)
     """Windows in which tracking is judged, by name."""
-    zooms: Mapping[str, Window] = field(default_factory=dict)
-    """Windows that are enlarged, by name."""
-    bounds: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-    """Lowest and highest value [SI] of outputs without a reference that the controller keeps within bounds."""
     ideal: Mapping[str, float] = field(default_factory=dict)
     """Tracking errors of the ideal loop in the windows, in display units; empty where they are not known."""
 
@@ -108,12 +101,11 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
     """
     rig, time = rig or loop.rig, loop.time
     windows: dict[str, Window] = {}
-    smooth: set[str] = set()
     for schedule in rig.references.values():
         if follows_schedule(loop, schedule):
             for piece in schedule.segments:
-                windows[piece.name] = Window(output=piece.output, start=piece.start, stop=piece.stop)
-                smooth |= {piece.name} if piece.excitation.kind in SMOOTH else set()
+                smooth = piece.excitation.kind in SMOOTH
+                windows[piece.name] = Window(output=piece.output, start=piece.start, stop=piece.stop, smooth=smooth)
     if not windows:
         several = len(loop.tracked) > 1
         names = {k: f"whole run, {rig.system.outputs[k].name}" if several else "whole run" for k in loop.tracked}
@@ -124,25 +116,7 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
         for name, item in windows.items()
         if (known[:, item.output] & loop.within(item.start, item.stop)).any()
     }
-    problem = mpc_problem(defaults(rig, "controller"), rig)
-    horizon, zooms = problem.horizon * problem.period, {}
-    for name, item in windows.items():
-        begin, end = item.start + SMOOTH_SHOWN[0] * horizon, min(item.start + SMOOTH_SHOWN[1] * horizon, item.stop)
-        if name not in smooth:
-            begin, end = _largest_step(loop, item, horizon)
-        zooms[name] = Window(output=item.output, start=begin, stop=end)
-    return ClosedLoopSection(loop=loop, windows=windows, zooms=zooms, bounds=_bounds(loop, rig, problem))
-
-
-def _bounds(loop: LoopRecord, rig: Rig, problem: ControlProblem) -> dict[int, tuple[float, float]]:
-    """Bounds of the outputs that are states, from the rig's file."""
-    names = [item.name for item in rig.system.states]
-    limits = dict(zip(names, zip(problem.state_low, problem.state_high, strict=True), strict=True))
-    return {
-        k: limits[item.name]
-        for k, item in enumerate(rig.system.outputs)
-        if k not in loop.tracked and np.isfinite(limits.get(item.name, (-np.inf, np.inf))).any()
-    }
+    return ClosedLoopSection(loop=loop, windows=windows)
 
 
 def follows_schedule(loop: LoopRecord, schedule: ReferenceSchedule) -> bool:
@@ -156,12 +130,3 @@ def follows_schedule(loop: LoopRecord, schedule: ReferenceSchedule) -> bool:
         if not inside.any() or np.median(np.abs(shown - wanted[:, k])[inside]) > SAME_REFERENCE * peak:
             return False
     return bool(loop.tracked)
-
-
-def _largest_step(loop: LoopRecord, window: Window, horizon: float) -> tuple[float, float]:
-    """Start and stop [s] around the reference's largest jump in a window, for a controller's horizon [s]."""
-    reference = loop.reference[:, window.output]
-    inside = np.isfinite(reference) & loop.within(window.start + 0.5, window.stop)
-    jump = np.abs(np.diff(np.nan_to_num(reference))) * (inside[1:] & inside[:-1])
-    middle = float(loop.time[int(np.argmax(jump))]) if jump.any() else window.start
-    return max(middle - STEP_SHOWN[0] * horizon, 0.0), middle + STEP_SHOWN[1] * horizon

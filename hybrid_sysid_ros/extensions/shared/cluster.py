@@ -9,10 +9,9 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from typing import Any
 
-from hybrid_sysid_ros.extensions.shared.workers import Item, Lost, Result, Workers, count, in_one_thread
+from hybrid_sysid_ros.extensions.shared.workers import ONE_THREAD, Item, Lost, Result, Workers, count, in_one_thread
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
-from hybrid_sysid_ros.support.threads import ONE_THREAD
 
 LOCAL = "local"
 PATIENCE = 60.0

@@ -21,10 +21,9 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
-from hybrid_sysid_ros.extensions.shared.workers import Item, Lost, Result, Workers, count, in_one_thread
+from hybrid_sysid_ros.extensions.shared.workers import ONE_THREAD, Item, Lost, Result, Workers, count, in_one_thread
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256, written_folder
-from hybrid_sysid_ros.support.threads import ONE_THREAD
 
 IDLE = 60.0
 """Seconds after which an idle process ends, also one whose parent was killed."""

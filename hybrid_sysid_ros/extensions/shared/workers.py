@@ -17,6 +17,9 @@ from hybrid_sysid_ros.support.threads import alone
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+"""Environment of a process whose libraries have one thread each."""
+
 POLL = 1.0
 """Seconds between two looks at the workers."""
 

@@ -10,6 +10,7 @@ import pytest
 
 from hybrid_sysid_ros.extensions.shared import report
 from hybrid_sysid_ros.extensions.shared.report.figures import horizons, residual_tests
+from hybrid_sysid_ros.extensions.shared.report.loop_views import zooms
 from hybrid_sysid_ros.extensions.shared.report.rendering import seconds, significant
 from hybrid_sysid_ros.extensions.shared.report.residual_patterns import patterns
 from hybrid_sysid_ros.extensions.shared.report.sections import TESTS
@@ -320,7 +321,7 @@ def test_another_reference_is_judged_as_a_whole():
 
 
 def test_the_zoom_shows_the_largest_step():
-    zoom = closed_loop_section(loop_of()).zooms["steps"]
+    zoom = zooms(closed_loop_section(loop_of()))["steps"]
     levels = RIG.schedule().of(0)(np.arange(29) + 0.5)
     assert zoom.start < 1 + np.argmax(np.abs(np.diff(levels))) < zoom.stop
 

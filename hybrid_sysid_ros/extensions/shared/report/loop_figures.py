@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from hybrid_sysid_ros.extensions.shared.report import charts
-from hybrid_sysid_ros.report.loop_section import DRIVING, ClosedLoopSection
+from hybrid_sysid_ros.extensions.shared.report.loop_views import bounds_of
+from hybrid_sysid_ros.report.loop_section import DRIVING, ClosedLoopSection, Window
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 STATES = {"slowed": "#ffe08a", "holding": "#fdc57a", "resting": "#f0937d", "stopped": "#b9c6d8", "disarmed": "#b3b3c6"}
@@ -19,8 +20,8 @@ TAIL_POINTS = 600  # most points of a distribution
 def tracking(section: ClosedLoopSection) -> go.Figure:
     """Each tracked output with reference and tracking error, other outputs with bounds, and inputs with bounds."""
     loop, rig = section.loop, section.rig
-    tracked, inputs = loop.tracked, len(rig.actuators)
-    weights = [0.46, 0.24] * len(tracked) + [0.3] * (len(section.bounds) + inputs)
+    tracked, inputs, bounds = loop.tracked, len(rig.actuators), bounds_of(section)
+    weights = [0.46, 0.24] * len(tracked) + [0.3] * (len(bounds) + inputs)
     figure = charts.panels(heights=[weight / sum(weights) for weight in weights], height=round(540 * sum(weights)))
     for number, k in enumerate(tracked):
         row, output, display = 1 + 2 * number, rig.system.outputs[k], rig.display[k]
@@ -31,10 +32,10 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
         charts.line(figure, row + 1, loop.time, error, f"reference {charts.MINUS} measured", charts.ERROR, legend=False)
         charts.scaled(figure, row, [reference, measured], output.name, output, display)
         charts.scaled(figure, row + 1, [error], "error", output, display, symmetric=True)
-    for row, (k, limits) in enumerate(section.bounds.items(), start=1 + 2 * len(tracked)):
+    for row, (k, limits) in enumerate(bounds.items(), start=1 + 2 * len(tracked)):
         _bounded(figure, row, loop, k, limits)
     for j in range(inputs):
-        _input(figure, 1 + 2 * len(tracked) + len(section.bounds) + j, loop, j)
+        _input(figure, 1 + 2 * len(tracked) + len(bounds) + j, loop, j)
     for name, value in section.rmse.items():
         window = section.windows[name]
         axis = 1 + 4 * tracked.index(window.output)  # of the output's panel: a row has two axes
@@ -55,9 +56,9 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
     return charts.timed(figure, len(weights))
 
 
-def zoom(section: ClosedLoopSection, name: str) -> go.Figure:
+def zoom(section: ClosedLoopSection, window: Window) -> go.Figure:
     """An output with its reference, and the inputs, over a window."""
-    loop, rig, window = section.loop, section.rig, section.zooms[name]
+    loop, rig = section.loop, section.rig
     output, display = rig.system.outputs[window.output], rig.display[window.output]
     inside, inputs = loop.within(window.start, window.stop), len(rig.actuators)
     weights = [0.62] + [0.38] * inputs

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hybrid_sysid_ros.extensions.shared.report.loop_views import zooms
 from hybrid_sysid_ros.extensions.shared.report.residual_patterns import patterns
 from hybrid_sysid_ros.extensions.shared.report.sections import FREE, FreeRunSection, IdentificationSection, Provenance
 from hybrid_sysid_ros.extensions.shared.report.verdict import verdict
@@ -252,9 +253,10 @@ def closed_content(section: ClosedLoopSection) -> dict[str, Any]:
         "rmse": section.rmse,
         "units": section.units,
         "tracking": drawn(loop_figures.tracking(section), "tracking"),
-        "zooms": {
-            name: drawn(loop_figures.zoom(section, name), f"zoom-{number}") for number, name in enumerate(section.zooms)
-        },
+        "zooms": [
+            (name, window, drawn(loop_figures.zoom(section, window), f"zoom-{number}"))
+            for number, (name, window) in enumerate(zooms(section).items())
+        ],
         "delays": drawn(loop_figures.delays(section), "delays"),
         "timing": loop.delays() if loop.is_real_time else loop.turnarounds(),
     }
