@@ -111,6 +111,12 @@ def test_every_command_is_on_some_page() -> None:
     assert not [words for words in COMMANDS if f"hybrid-sysid {words}" not in text]
 
 
+def test_every_extension_is_in_the_table_of_extensions() -> None:
+    rows = re.findall(r"^\| (\w+) \|", (ROOT / "docs" / "extensions.md").read_text(encoding="utf-8"), re.M)
+    ours = {path.parent.name for path in EXTENSIONS.glob("*/extension.py")}
+    assert ours <= {*rows}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_link_leads_to_a_file_and_its_heading(page: Path) -> None:
     text = re.sub(r"^    .*$", "", page.read_text(encoding="utf-8"), flags=re.M)

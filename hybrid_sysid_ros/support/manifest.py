@@ -14,7 +14,7 @@ KINDS = (
     "sections", "report", "companions", "demos", "controllers", "pictures", "structures", "blocks", "solvers",
     "problems", "estimators", "policies", "exporters", "descriptions", "drawings", "record_checks", "record_remarks",
     "training_notes", "use_checks", "loop_checks", "wrappers", "criteria", "inspections", "comparisons",
-    "pages", "figures",
+    "pages", "figures", "loops",
 )  # fmt: skip
 """Kinds of objects that an extension may provide."""
 

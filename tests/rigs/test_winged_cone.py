@@ -12,7 +12,7 @@ from scipy.linalg import expm, solve_discrete_are
 from benchmarks.winged_cone import autopilot, control, flights
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
+from hybrid_sysid_ros.extensions.shared.feedback_resimulation import follow_again
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs

@@ -21,6 +21,7 @@ from scipy.signal import correlate, lfilter
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.shared.resimulation import resimulate
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.validation.bands import (
@@ -32,7 +33,6 @@ from hybrid_sysid_ros.identification.validation.bands import (
     uncertainty_of,
 )
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut, free_run_of
-from hybrid_sysid_ros.identification.validation.resimulation import resimulate
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -98,7 +98,7 @@ def noted(system: System, experiments: Sequence[PreparedRecord], blocks: Sequenc
 def loop_bands(model: Model, record: Record, rig: Rig, *, part: Part = Part()) -> LoopBands | None:  # noqa: B008
     """The forecast of a record's loop and its bands; None for a model without them: an older one, one of several
     outputs or of an unstable rig, or of a structure that no record can be left out of. Raises UserError as
-    :func:`~hybrid_sysid_ros.identification.validation.resimulation.resimulate` does.
+    :func:`~hybrid_sysid_ros.extensions.shared.resimulation.resimulate` does.
     """
     known, free = model.note(NOTE), model.note("bands")
     if not (known and free):

@@ -11,9 +11,7 @@ from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.bands import bands_of
-from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.identification.validation.judgement import judgement
-from hybrid_sysid_ros.identification.validation.resimulation import resimulate
 from hybrid_sysid_ros.identification.validation.run_quality import GOOD, RunQuality, run_quality
 from hybrid_sysid_ros.identification.validation.scores import free_run, scores_of_run
 from hybrid_sysid_ros.identification.validation.unstable import (
@@ -145,10 +143,7 @@ def _of_free_run(model: Model, experiment: PreparedRecord, rig: Rig, run: Array)
 
 def _loop(model: Model, record: Record, part: Part, rig: Rig) -> tuple[dict[str, Any] | None, str]:
     """The scores of the loop that is done again, or None and why it is not."""
-    given: dict[str, Any] = {"sampling": model.sampling, "part": part}
     try:
-        if rig.experiments.feedback is None:
-            return resimulate(model.system, record, rig, **given).output.content, ""
-        return follow_again(model.system, record, rig, **given).scores.content, ""
+        return next((again(model, record, rig, part) for again in provided("loops").values()), None), ""
     except UserError as error:
         return None, str(error)

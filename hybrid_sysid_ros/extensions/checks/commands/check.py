@@ -20,12 +20,12 @@ from hybrid_sysid_ros.commands.options import Json, RigName
 from hybrid_sysid_ros.commands.terminal import console, end, status
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.extensions.checks.findings import check
-from hybrid_sysid_ros.identification.validation.feedback_resimulation import follow_again
 from hybrid_sysid_ros.rigs import experiments
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.runtime.parameters import NothingShippedError, shipped
 from hybrid_sysid_ros.runtime.run import Run
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 
 PACKAGE = "hybrid_sysid_ros"
@@ -101,7 +101,8 @@ class Checks:
         model = models.load(shipped(self.rig.name, "model"), rig=self.rig.source)
         record = read(self.place / "bag", self.rig.signals)
         if self.rig.experiments.feedback:
-            run, score = "closed loop", follow_again(model.system, record, self.rig, sampling=model.sampling).scores.r2
+            again = extensions.one("loops", "commands", "a rig that is held by a feedback needs resimulation")
+            run, score = "closed loop", again(model, record, self.rig, identification.Part())["r2"]
         else:
             run, score = "free run", identification.evaluate(model, record).r2
         if not score > LEAST:

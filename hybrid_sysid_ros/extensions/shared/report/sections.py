@@ -12,12 +12,12 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, rollouts
 from hybrid_sysid_ros.extensions.shared import residual_tests
 from hybrid_sysid_ros.extensions.shared.horizons import HorizonErrors, k_step_errors
+from hybrid_sysid_ros.extensions.shared.resimulation import Resimulation, resimulate
 from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.starts import initial_state
 from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
-from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulate
 from hybrid_sysid_ros.identification.validation.unstable import stabilised_run
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions

@@ -9,8 +9,8 @@ import pytest
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.core import simulate
+from hybrid_sysid_ros.extensions.shared.resimulation import resimulate
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.validation.resimulation import resimulate
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam

@@ -1,0 +1,1 @@
+"""Resimulation: the closed loop of a record done again on a model."""
