@@ -1,8 +1,10 @@
-/* A plant without physics, and a relay without a controller: ping_pong relay | probe RATE SECONDS, on rcl alone.
+/* A simulated plant, and a relay without a controller: ping_pong relay | probe RATE SECONDS, on rcl alone.
  *
- * The probe publishes joint_states with the time of now, and a reference once a second, takes joint_command, and prints
- * the delays of the answers in seconds, one a line. The relay answers each measurement with its own bytes.
+ * The probe publishes joint_states with the time of now, and a reference once a second, takes joint_command, which moves
+ * the plant, and prints the delays of the answers in seconds, one a line. The relay answers each measurement with its own
+ * bytes, whose input is the last one. PLANT(what), JOINT and WHITE [rad] come from the compiler's arguments.
  */
+#define _GNU_SOURCE
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,10 +16,12 @@
 #include "trajectory_msgs/msg/joint_trajectory.h"
 
 #include "cdr.h"
+#include PLANT_HEADER
 
 static rcl_context_t probe_context;
 static rcl_node_t node;
 static rcl_wait_set_t set;
+static PLANT(memory) plant;
 
 static void check(rcl_ret_t found)
 {
@@ -50,17 +54,42 @@ static bool wait_for(rcl_subscription_t *inlet, int64_t most, rcl_serialized_mes
     return true;
 }
 
-static void refer(const rcl_publisher_t *references)
+static double noise(void) /* standard normal, by Box and Muller (1958): without any a sensor looks frozen */
+{
+    const double radius = (rand() + 1.0) / (RAND_MAX + 1.0), angle = 2.0 * M_PI * rand() / (RAND_MAX + 1.0);
+
+    return sqrt(-2.0 * log(radius)) * cos(angle);
+}
+
+/* The stamp of a message of joints, whose first effort the plant gets. */
+static int64_t obey(const rcl_serialized_message_t *message)
+{
+    cdr_reader reader = cdr_begin(message);
+    const int64_t stamp = cdr_read_time(&reader);
+    uint32_t names;
+    double asked;
+
+    cdr_read_text(&reader);
+    for (names = cdr_read_whole(&reader); names > 0 && !reader.wrong; names--) {
+        cdr_read_text(&reader);
+    }
+    cdr_read_numbers(&reader);
+    cdr_read_numbers(&reader);
+    asked = cdr_number(cdr_read_numbers(&reader), 0);
+    plant.inputs[0] = isfinite(asked) ? asked : plant.inputs[0];
+    return stamp;
+}
+
+static void refer(const rcl_publisher_t *references, double level)
 {
     uint8_t data[512];
     cdr_writer writer = cdr_open(data, sizeof data);
-    const double level = 0.02;
     int k;
 
     cdr_write_time(&writer, time_of(CLOCK_REALTIME));
     cdr_write_text(&writer, "probe");
     cdr_write_whole(&writer, 1);
-    cdr_write_text(&writer, "beam");
+    cdr_write_text(&writer, JOINT);
     cdr_write_whole(&writer, 2);
     for (k = 0; k < 2; k++) {
         cdr_write_whole(&writer, 1);
@@ -87,7 +116,9 @@ int main(int argc, char **argv)
     rcl_subscription_t inlet = rcl_get_zero_initialized_subscription();
     rcl_serialized_message_t message = rmw_get_zero_initialized_serialized_message();
     int64_t begun, next, last = 0;
+    const int steps = (int)lround((double)period * 1e-9 / STEP);
     long number = 0, most;
+    int step;
 
     check(rcl_init_options_init(&options, allocator));
     probe_context = rcl_get_zero_initialized_context();
@@ -99,6 +130,8 @@ int main(int argc, char **argv)
     check(rcl_subscription_init(&inlet, &node, joints, relays ? "joint_states" : "joint_command", &in));
     set = rcl_get_zero_initialized_wait_set();
     check(rcl_wait_set_init(&set, 1, 0, 0, 0, 0, 0, &probe_context, allocator));
+    PLANT(init)(&plant);
+    PLANT(stand)(&plant);
     puts("ready");
     fflush(stdout);
     while (relays) {
@@ -123,30 +156,32 @@ int main(int argc, char **argv)
 
         if (left > 0) {
             if (wait_for(&inlet, left, &message)) {
-                cdr_reader reader = cdr_begin(&message);
-                const int64_t stamp = cdr_read_time(&reader);
+                const int64_t came = time_of(CLOCK_REALTIME);
 
-                printf("%.9f\n", (double)(time_of(CLOCK_REALTIME) - stamp) / 1e9);
+                printf("%.9f\n", (double)(came - obey(&message)) / 1e9);
             }
             continue;
         }
         if (number % (SECOND / period) == 0) {
-            refer(&references);
+            refer(&references, number / (SECOND / period) % 2 ? 0.02 : -0.02);
         }
         uint8_t data[256];
         cdr_writer writer = cdr_open(data, sizeof data);
-        const double angle = 0.01 * sin((double)number * 1e-3), applied = 0.0;
+        const double angle = plant.outputs[0] + WHITE * noise(), applied = plant.inputs[0];
 
         cdr_write_time(&writer, time_of(CLOCK_REALTIME));
         cdr_write_text(&writer, "probe");
         cdr_write_whole(&writer, 1);
-        cdr_write_text(&writer, "beam");
+        cdr_write_text(&writer, JOINT);
         cdr_write_whole(&writer, 1);
         cdr_write_words(&writer, &angle, 1);
         cdr_write_whole(&writer, 0);
         cdr_write_whole(&writer, 1);
         cdr_write_words(&writer, &applied, 1);
         cdr_publish(&answers, data, writer.at);
+        for (step = 0; step < steps; step++) { /* by the input of the last period, as a drive that holds it */
+            PLANT(step)(&plant);
+        }
         next += period;
         number++;
     }

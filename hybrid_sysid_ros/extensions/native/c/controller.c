@@ -13,7 +13,7 @@
 
 static const enum layer layer_of[STATUSES] = {HELD, EXACT, EXACT, EXACT, SHIFTED, POLICY_LAYER, HELD, RESTED};
 
-static rcl_subscription_t references, stops;
+static inlet references, stops;
 static bool waits; /* in lockstep, whether an estimate waits for a reference */
 static estimate waiting;
 static int64_t activated, shown, answered;
@@ -233,12 +233,12 @@ static void deactivate(node *own)
     if (moves()) {
         send_command(rest, false);
     }
-    (void)!rcl_subscription_fini(&references, &own->handle);
-    (void)!rcl_subscription_fini(&stops, &own->handle);
+    inlet_close(&references, &own->handle);
+    inlet_close(&stops, &own->handle);
     output_close(own);
 }
 
-int controller_inlets(rcl_subscription_t **inlets)
+int controller_inlets(inlet **inlets)
 {
     if (!controller_node.active) {
         return 0;
@@ -248,32 +248,29 @@ int controller_inlets(rcl_subscription_t **inlets)
     return 2;
 }
 
-bool controller_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *message)
+bool controller_receive(const inlet *from, const rcl_serialized_message_t *message)
 {
-    if (inlet == &references) {
+    if (from == &references) {
         if (reference_take(message, &control.wishes, LOCKSTEP ? control.stamp : now(), &control.clipped) && waits) {
             waits = false;
             controller_answer(&waiting, NEW);
         }
-    } else if (inlet == &stops && message->buffer_length > 4 && message->buffer[4]) {
+    } else if (from == &stops && message->buffer_length > 4 && message->buffer[4]) {
         stop_at_once("the topic estop");
     }
-    return inlet == &references || inlet == &stops;
+    return from == &references || from == &stops;
 }
 
 /* Let the inputs rest when estimates stop: not every drive has a timeout of its own. */
 void controller_look(void)
 {
-    size_t publishers = 0;
-
     if (!controller_node.active) {
         return;
     }
     if (!output_is_open()) {
         const bool may = !LOCKSTEP && steady() - activated > REFERENCE_PATIENCE;
 
-        (void)!rcl_subscription_get_publisher_count(&references, &publishers);
-        if (estimator_is_heard() && (publishers > 0 || may)) {
+        if (estimator_is_heard() && (inlet_writers(&references) > 0 || may)) {
             output_open_commands(&controller_node);
         }
     }

@@ -15,7 +15,7 @@
 
 estimator_state estimation;
 
-static rcl_subscription_t measurements, commands;
+static inlet measurements, commands;
 static bool makes_do; /* with best effort */
 static bool listens; /* to commands, which stand for inputs that a driver does not report */
 static outlet estimates, covariances;
@@ -74,16 +74,16 @@ static bool activate(node *own)
 
 static void deactivate(node *own)
 {
-    (void)!rcl_subscription_fini(&measurements, &own->handle);
+    inlet_close(&measurements, &own->handle);
     if (listens) {
-        (void)!rcl_subscription_fini(&commands, &own->handle);
+        inlet_close(&commands, &own->handle);
     }
     listens = makes_do = false;
     outlet_close(&estimates, &own->handle);
     outlet_close(&covariances, &own->handle);
 }
 
-int estimator_inlets(rcl_subscription_t **inlets)
+int estimator_inlets(inlet **inlets)
 {
     int count = 0;
 
@@ -98,10 +98,7 @@ int estimator_inlets(rcl_subscription_t **inlets)
 
 bool estimator_is_heard(void)
 {
-    size_t count = 0;
-
-    return estimator_node.active && rcl_subscription_get_publisher_count(&measurements, &count) == RCL_RET_OK
-           && count > 0;
+    return estimator_node.active && inlet_writers(&measurements) > 0;
 }
 
 int64_t estimator_silence(void)
@@ -271,7 +268,7 @@ static void answer(const double *given, int64_t stamp, enum stamp_order order, i
     }
 }
 
-bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *given)
+bool estimator_receive(const inlet *from, const rcl_serialized_message_t *given)
 {
     const int64_t began = steady();
     double values[OUTPUTS + INPUTS];
@@ -280,7 +277,7 @@ bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_mes
     bool lacks = false;
     int k;
 
-    if (inlet == &commands) {
+    if (from == &commands) {
         if (joints_unpack(given, &others, &joints) && joints_read(&joints, &commanded, &others, values)
             && validator_accepts_source(&others, joints.source)) {
             validator_select_source(&others, joints.source);
@@ -290,7 +287,7 @@ bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_mes
         }
         return true;
     }
-    if (inlet != &measurements) {
+    if (from != &measurements) {
         return false;
     }
     if (!joints_unpack(given, &estimation.entry, &joints) || !joints_read(&joints, &measured, &estimation.entry, values)

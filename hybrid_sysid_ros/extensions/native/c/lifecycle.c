@@ -22,7 +22,7 @@
         rmw_request_id_t from;                                                                                         \
         lifecycle_msgs__srv__##kind##_Request__init(&request);                                                         \
         lifecycle_msgs__srv__##kind##_Response__init(&response);                                                       \
-        if (rcl_take_request(&own->states.com_interface.channel, &from, &request) == RCL_RET_OK) {                     \
+        if (node_is_asked(own, &own->states.com_interface.channel, &from, &request)) {                                 \
             answer;                                                                                                    \
             (void)!rcl_send_response(&own->states.com_interface.channel, &from, &response);                            \
         }                                                                                                              \
@@ -40,6 +40,11 @@ void lifecycle_open(node *own)
         &own->states, &own->handle, ROSIDL_GET_MSG_TYPE_SUPPORT(lifecycle_msgs, msg, TransitionEvent),
         SERVICE(ChangeState), SERVICE(GetState), SERVICE(GetAvailableStates), SERVICE(GetAvailableTransitions),
         SERVICE(GetAvailableTransitions), &options));
+    node_listen(own, &own->states.com_interface.srv_change_state);
+    node_listen(own, &own->states.com_interface.srv_get_state);
+    node_listen(own, &own->states.com_interface.srv_get_available_states);
+    node_listen(own, &own->states.com_interface.srv_get_available_transitions);
+    node_listen(own, &own->states.com_interface.srv_get_transition_graph);
 }
 
 static void finish(node *own, bool done)
@@ -143,7 +148,7 @@ static void serve_change(node *own)
     if (own->leaving && (own->is_down() || steady() > own->left_by)) {
         answered = go(own, lifecycle_msgs__msg__Transition__TRANSITION_DEACTIVATE, &response.success);
         from = own->leaver;
-    } else if (rcl_take_request(service, &from, &request) == RCL_RET_OK) {
+    } else if (node_is_asked(own, service, &from, &request)) {
         answered = change(own, &request, &response.success, from);
     }
     if (answered) {

@@ -12,16 +12,16 @@ void loop_begin(void)
     estimator_serves(controller_answer, controller_repeat);
 }
 
-int loop_inlets(rcl_subscription_t **inlets)
+int loop_inlets(inlet **inlets)
 {
     const int count = estimator_inlets(inlets);
 
     return count + controller_inlets(inlets + count);
 }
 
-void loop_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *message)
+void loop_receive(const inlet *from, const rcl_serialized_message_t *message)
 {
-    (void)(estimator_receive(inlet, message) || controller_receive(inlet, message));
+    (void)(estimator_receive(from, message) || controller_receive(from, message));
 }
 
 void loop_look(void)

@@ -16,20 +16,20 @@ typedef struct {
 extern UNIT(memory) unit;
 
 void loop_begin(void);
-int loop_inlets(rcl_subscription_t **inlets);
-void loop_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *message);
+int loop_inlets(inlet **inlets);
+void loop_receive(const inlet *from, const rcl_serialized_message_t *message);
 void loop_look(void); /* every 10 ms */
 
 /* Who is asked with every estimate, and again where a measurement comes twice. */
 void estimator_serves(void (*answers)(const estimate *found, enum stamp_order order), void (*repeats)(void));
-int estimator_inlets(rcl_subscription_t **inlets);
-bool estimator_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *message);
+int estimator_inlets(inlet **inlets);
+bool estimator_receive(const inlet *from, const rcl_serialized_message_t *message);
 void estimator_look(void);
 bool estimator_is_heard(void);   /* whether somebody publishes measurements */
 int64_t estimator_silence(void); /* since the newest estimate [ns]; -1 before the first */
 
-int controller_inlets(rcl_subscription_t **inlets);
-bool controller_receive(const rcl_subscription_t *inlet, const rcl_serialized_message_t *message);
+int controller_inlets(inlet **inlets);
+bool controller_receive(const inlet *from, const rcl_serialized_message_t *message);
 void controller_look(void);
 void controller_answer(const estimate *found, enum stamp_order order);
 void controller_repeat(void);

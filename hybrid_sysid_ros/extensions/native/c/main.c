@@ -21,7 +21,7 @@
 #define MOST_INLETS 8
 
 static volatile sig_atomic_t interrupted;
-static rcl_subscription_t clock_inlet;
+static inlet clock_inlet;
 
 static void interrupt(int number)
 {
@@ -62,6 +62,7 @@ static void prioritise(void)
 
 static void follow_clock(rcl_serialized_message_t *message)
 {
+    atomic_store(&clock_inlet.heard, false);
     while (inlet_take(&clock_inlet, message)) {
         cdr_reader reader = cdr_begin(message);
         const int64_t time = cdr_read_time(&reader);
@@ -71,33 +72,19 @@ static void follow_clock(rcl_serialized_message_t *message)
 }
 
 /* Wait for messages for at most a time [ns], and answer them. */
-static void turn(rcl_wait_set_t *set, rcl_serialized_message_t *message, int64_t most)
+static void turn(rcl_serialized_message_t *message, int64_t most)
 {
-    rcl_subscription_t *inlets[MOST_INLETS];
-    int count = loop_inlets(inlets), k;
+    inlet *inlets[MOST_INLETS];
+    int count, k;
 
-    if (clock_time >= 0) {
-        inlets[count++] = &clock_inlet;
-    }
-    if (rcl_wait_set_clear(set) != RCL_RET_OK) {
-        rcl_reset_error();
-        return;
-    }
-    for (k = 0; k < count; k++) {
-        (void)!rcl_wait_set_add_subscription(set, inlets[k], NULL);
-    }
-    if (rcl_wait(set, most) != RCL_RET_OK) {
-        rcl_reset_error();
-        return;
-    }
+    inlets_wait(most);
     if (clock_time >= 0) {
         follow_clock(message);
     }
+    count = loop_inlets(inlets);
     for (k = 0; k < count; k++) {
-        const rcl_subscription_t *ready = set->subscriptions[k];
-
-        if (ready != NULL && inlets[k] != &clock_inlet) {
-            while (ready == inlets[k] && inlet_take(inlets[k], message)) {
+        if (atomic_exchange(&inlets[k]->heard, false)) {
+            while (inlet_take(inlets[k], message)) {
                 loop_receive(inlets[k], message);
             }
         }
@@ -111,7 +98,6 @@ int main(int argc, char **argv)
     struct sigaction before;
     rcl_allocator_t allocator = rcl_get_default_allocator();
     rcl_init_options_t options = rcl_get_zero_initialized_init_options();
-    rcl_wait_set_t set = rcl_get_zero_initialized_wait_set();
     rcl_serialized_message_t message = rmw_get_zero_initialized_serialized_message();
     const char *tether = getenv("HYBRID_SYSID_TETHER");
     int64_t served = 0;
@@ -130,6 +116,7 @@ int main(int argc, char **argv)
     CHECK(rcl_logging_configure(&context.global_arguments, &allocator));
     CHECK(rmw_serialized_message_init(&message, LARGEST_MESSAGE, &allocator));
     clock_time = -1;
+    inlets_begin();
     loop_begin();
     for (k = 0; k < 2; k++) {
         node_begin(nodes[k]);
@@ -137,16 +124,16 @@ int main(int argc, char **argv)
     }
     if (value_of(&controller_node, CONTROLLER_USE_SIM_TIME) != 0.0
         || value_of(&estimator_node, ESTIMATOR_USE_SIM_TIME) != 0.0) {
-        rcl_subscription_options_t best = rcl_subscription_get_default_options();
+        rmw_qos_profile_t newest = rmw_qos_profile_default;
 
-        best.qos.reliability = RMW_QOS_POLICY_RELIABILITY_BEST_EFFORT;
-        best.qos.depth = 1;
-        clock_inlet = rcl_get_zero_initialized_subscription();
-        CHECK(rcl_subscription_init(&clock_inlet, &controller_node.handle,
-                                    ROSIDL_GET_MSG_TYPE_SUPPORT(rosgraph_msgs, msg, Clock), "/clock", &best));
+        newest.reliability = RMW_QOS_POLICY_RELIABILITY_BEST_EFFORT;
+        newest.depth = 1;
+        if (!inlet_open_with(&clock_inlet, &controller_node.handle,
+                             ROSIDL_GET_MSG_TYPE_SUPPORT(rosgraph_msgs, msg, Clock), "/clock", &newest)) {
+            refuse("ROS cannot listen to /clock: %s", rcl_get_error_string().str);
+        }
         clock_time = 0;
     }
-    CHECK(rcl_wait_set_init(&set, MOST_INLETS, 0, 0, 0, 0, 0, &context, allocator));
     for (k = 0; k < 2; k++) {
         if (nodes[k]->parameters[k ? (int)CONTROLLER_AUTOSTART : (int)ESTIMATOR_AUTOSTART].number != 0.0) {
             lifecycle_bring_up(nodes[k]);
@@ -156,7 +143,7 @@ int main(int argc, char **argv)
     prioritise();
     announce("ready");
     while (!interrupted && !ended) {
-        turn(&set, &message, SERVE_PERIOD);
+        turn(&message, SERVE_PERIOD);
         if (steady() - served > SERVE_PERIOD) {
             served = steady();
             for (k = 0; k < 2; k++) {
@@ -171,7 +158,7 @@ int main(int argc, char **argv)
     }
     fflush(NULL);
     if (clock_time >= 0) {
-        (void)!rcl_subscription_fini(&clock_inlet, &controller_node.handle);
+        inlet_close(&clock_inlet, &controller_node.handle);
     }
     for (k = 0; k < 2; k++) {
         node_close(nodes[k]);

@@ -14,6 +14,29 @@
 
 #define REPORT_PERIOD (2 * SECOND / 5)
 
+/* From a thread of the middleware. */
+static void be_asked(const void *own, size_t count)
+{
+    if (count) {
+        atomic_store(&((node *)own)->asked, true);
+    }
+}
+
+void node_listen(node *own, const rcl_service_t *service)
+{
+    CHECK(rcl_service_set_on_new_request_callback(service, be_asked, own));
+}
+
+bool node_is_asked(node *own, const rcl_service_t *service, rmw_request_id_t *from, void *request)
+{
+    const bool found = rcl_take_request(service, from, request) == RCL_RET_OK;
+
+    if (found) {
+        atomic_store(&own->asked, true); /* another request may wait behind it */
+    }
+    return found;
+}
+
 void node_begin(node *own)
 {
     rcl_node_options_t options = rcl_node_get_default_options();
@@ -42,6 +65,7 @@ void node_begin(node *own)
         own->triggers[k].service = rcl_get_zero_initialized_service();
         CHECK(rcl_service_init(&own->triggers[k].service, &own->handle,
                                ROSIDL_GET_SRV_TYPE_SUPPORT(std_srvs, srv, Trigger), name, &quality));
+        node_listen(own, &own->triggers[k].service);
     }
 }
 
@@ -61,7 +85,7 @@ static void serve_triggers(node *own)
         char words[WORDS] = "";
 
         std_srvs__srv__Trigger_Request__init(&request);
-        if (rcl_take_request(&own->triggers[k].service, &from, &request) == RCL_RET_OK) {
+        if (node_is_asked(own, &own->triggers[k].service, &from, &request)) {
             std_srvs__srv__Trigger_Response__init(&response);
             if (own->active) {
                 response.success = own->triggers[k].act(words);
@@ -79,10 +103,12 @@ static void serve_triggers(node *own)
 /* Answer what has been asked of the node's services, and report. */
 void node_serve(node *own)
 {
-    serve_triggers(own);
-    lifecycle_serve(own);
-    parameters_serve(own);
-    rcl_reset_error();
+    if (atomic_exchange(&own->asked, own->leaving)) {
+        serve_triggers(own);
+        lifecycle_serve(own);
+        parameters_serve(own);
+        rcl_reset_error();
+    }
     if (steady() - own->reported > REPORT_PERIOD) {
         own->reported = steady();
         node_report(own, false);

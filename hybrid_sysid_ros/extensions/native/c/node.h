@@ -36,6 +36,7 @@ struct node {
     char signature[LONGEST_SOURCE];
     rcl_lifecycle_state_machine_t states;
     rcl_service_t services[PARAMETER_SERVICES];
+    atomic_bool asked; /* something may wait at a service */
     outlet diagnostics, events;
     bool configured, active;
     bool leaving; /* a manager waits until it has come to rest */
@@ -45,5 +46,8 @@ struct node {
 };
 
 extern node estimator_node, controller_node;
+
+void node_listen(node *own, const rcl_service_t *service); /* to requests */
+bool node_is_asked(node *own, const rcl_service_t *service, rmw_request_id_t *from, void *request);
 
 #endif

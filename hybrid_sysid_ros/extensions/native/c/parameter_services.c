@@ -104,7 +104,7 @@ static void set(node *own, const rcl_interfaces__msg__Parameter *asked,
         rmw_request_id_t from;                                                                                         \
         rcl_interfaces__srv__##kind##_Request__init(&request);                                                         \
         rcl_interfaces__srv__##kind##_Response__init(&response);                                                       \
-        if (rcl_take_request(&own->services[index], &from, &request) == RCL_RET_OK) {                                  \
+        if (node_is_asked(own, &own->services[index], &from, &request)) {                                              \
             answer;                                                                                                    \
             (void)!rcl_send_response(&own->services[index], &from, &response);                                         \
         }                                                                                                              \
@@ -171,6 +171,7 @@ void parameters_open(node *own)
     for (k = 0; k < PARAMETER_SERVICES; k++) {
         own->services[k] = rcl_get_zero_initialized_service();
         CHECK(rcl_service_init(&own->services[k], &own->handle, kinds[k], names[k], &options));
+        node_listen(own, &own->services[k]);
     }
 }
 
