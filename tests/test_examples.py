@@ -54,6 +54,7 @@ def test_a_notebook_runs_from_its_first_cell_to_its_last(path: Path) -> None:
     assert "application/vnd.plotly.v1+json" in kinds
 
 
+@pytest.mark.slow
 def test_the_page_runs_block_by_block(tmp_path: Path) -> None:
     text = PAGE.read_text(encoding="utf-8")
     first, *others = re.findall(r"```python\n(.*?)```", text, re.S)

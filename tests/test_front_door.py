@@ -256,6 +256,7 @@ def test_figures_show_what_was_measured_and_simulated(things: SimpleNamespace) -
     assert {"output", "reference", "input"} <= {trace.name for trace in drawn.data}
 
 
+@pytest.mark.slow
 def test_a_policy_keeps_to_its_model_wherever_that_is_saved(tmp_path: Path) -> None:
     """What is trained on a model that was never saved goes with the folder that it is saved to later."""
     pytest.importorskip("torch")

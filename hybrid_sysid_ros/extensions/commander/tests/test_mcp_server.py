@@ -5,26 +5,36 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Mapping
-from importlib import metadata
+from importlib import metadata, util
 from threading import Event
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-
-pytest.importorskip("mcp", reason="needs mcp: install hybrid_sysid_ros[mcp]")
-
-from mcp import Client
 
 from hybrid_sysid_ros.extensions.commander.language import grammar
 from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply, RigState
 from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
-from hybrid_sysid_ros.extensions.commander.language.server import server
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.extensions.commander.tests.test_rehearsal import interpreter
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
+if TYPE_CHECKING:
+    from mcp import Client
+
+if util.find_spec("mcp") is None:
+    pytest.skip("needs mcp: install hybrid_sysid_ros[mcp]", allow_module_level=True)
+
 TOOLS = {"state", "limits", "picture", "preview", "plot", "say", "move", "swing", "follow", "hold", "stop"}
+
+
+def client_of(rig: str, desk: CommandInterface) -> Client:
+    """A client of the server. mcp is imported here, a tenth of the time of collecting all tests."""
+    from mcp import Client
+
+    from hybrid_sysid_ros.extensions.commander.language.server import server
+
+    return Client(server(rigs.load(rig), desk))
 
 
 class Noting(CommandInterface):
@@ -57,7 +67,7 @@ class Noting(CommandInterface):
 
 def called(desk: CommandInterface, *calls: tuple[str, Mapping[str, Any]], rig: str = "cam_beam") -> list[Any]:
     async def call() -> list[Any]:
-        async with Client(server(rigs.load(rig), desk)) as client:
+        async with client_of(rig, desk) as client:
             return list(await asyncio.gather(*(client.call_tool(name, dict(given)) for name, given in calls)))
 
     return asyncio.run(call())
@@ -65,7 +75,7 @@ def called(desk: CommandInterface, *calls: tuple[str, Mapping[str, Any]], rig: s
 
 def test_tools_say_what_they_do_to_the_rig_and_none_confirms_or_arms() -> None:
     async def listed() -> dict[str, Any]:
-        async with Client(server(rigs.load("cam_beam"), Noting())) as client:
+        async with client_of("cam_beam", Noting()) as client:
             return {tool.name: tool.annotations for tool in (await client.list_tools()).tools}
 
     found = asyncio.run(listed())
@@ -78,7 +88,7 @@ def test_tools_say_what_they_do_to_the_rig_and_none_confirms_or_arms() -> None:
 
 def test_the_server_says_which_version_it_is_of() -> None:
     async def initialized() -> str:
-        async with Client(server(rigs.load("cam_beam"), Noting())) as client:
+        async with client_of("cam_beam", Noting()) as client:
             return client.server_info.version
 
     assert asyncio.run(initialized()) == metadata.version("hybrid_sysid_ros")
@@ -154,7 +164,7 @@ def test_previews_and_the_state_come_as_pictures_too() -> None:
     desk = Rehearsal(interpreter("cam_beam"))
 
     async def call() -> list[Any]:
-        async with Client(server(rigs.load("cam_beam"), desk)) as client:
+        async with client_of("cam_beam", desk) as client:
             reply = await client.call_tool("preview", {"text": "go to 1 V then home"})
             assert "from 0 V (0 deg) to 1 V (1.3 deg)" in reply.structured_content["line"]
             assert (await client.call_tool("state", {})).structured_content["outputs"] == {"position [V]": 0.0}

@@ -76,6 +76,7 @@ def test_somebody_who_comes_by_leaves_no_trace() -> None:
     assert layers.alpha[beside].max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_pivot_that_is_off_bends_no_angles() -> None:
     """A joint that rests at either end of its way, as layers of a wrong pivot agree with it best there."""
     rig = load("flexible_joint")
