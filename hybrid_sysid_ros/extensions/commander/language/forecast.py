@@ -31,6 +31,8 @@ FOLLOWED = 0.3
 """Of a plan's span, rms, which the outputs may lie off it."""
 TROUBLED = 0.1
 """Share of answers without a sound plan that is reported."""
+UNTRAINED = 0.05
+"""Of its range in training, by which an output that leaves it is reported."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,6 +150,13 @@ class Simulator:
             if output.tracked:
                 error = self.rig.display[k].shown(loop.outputs[:, k] - loop.references[:, k])
                 found[f"error of {output.name} [{output.unit}]"] = float(np.sqrt(np.mean(error**2)))
+        for k, (item, output) in enumerate(zip(self.model.system.outputs, set_point_ranges(self.rig), strict=True)):
+            low, high = self.model.training_range.get(item.name, (-np.inf, np.inf))
+            reached = loop.outputs[:, k]
+            beyond = max(float(reached.max()) - high, low - float(reached.min()))
+            if beyond > UNTRAINED * (high - low):
+                shown = abs(float(self.rig.display[k].shown(np.float64(beyond))))
+                found[f"{output.name} beyond what the model was trained on [{output.unit}]"] = shown
         unsound = sum(count for status, count in loop.statuses.items() if status not in SOUND)
         if unsound > TROUBLED * len(loop.time):
             found["answers without a sound plan [%]"] = 100.0 * unsound / len(loop.time)

@@ -40,6 +40,19 @@ def test_a_shipped_model_carries_a_sentence_out(name: str, text: str) -> None:
     assert all(value >= 0.0 for key, value in reply.values.items() if key.startswith(("margin", "error")))
 
 
+@pytest.mark.parametrize(("text", "beyond"), [("go to 2 V", False), ("go to 8 V", True)])
+def test_a_plan_that_leaves_what_the_model_was_trained_on_says_how_far(text: str, beyond: bool) -> None:
+    """The simulation of a model says nothing of places where its records never were."""
+    made = interpreter("cam_beam")
+    reply = Rehearsal(made).say(text)
+    said = {key: value for key, value in reply.values.items() if "trained" in key}
+    assert bool(said) == beyond
+    if beyond:
+        end = np.float64(made.simulator.model.training_range["position"][1])
+        far = 8.0 - float(made.simulator.rig.display[0].shown(end))
+        assert said["position beyond what the model was trained on [V]"] == pytest.approx(far, abs=0.3)
+
+
 def test_without_what_reads_pictures_one_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(extensions, "targets", lambda kind: {})
     (tmp_path / "goal.jpg").touch()
