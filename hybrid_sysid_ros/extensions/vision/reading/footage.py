@@ -94,6 +94,10 @@ class Footage:
         angles = np.where(pictures, np.nan, self.angles)
         return replace(self, angles=angles, unused={**self.unused, why: pictures})
 
+    def unsurer(self, beside: Array | float) -> Footage:
+        """The same, its deviations with one more, (frames,) [rad], that is independent of them."""
+        return replace(self, deviations=np.hypot(self.deviations, np.nan_to_num(beside)))
+
     def turned_unsurely(self, relative: float) -> Footage:
         """The same, its deviations with that of the angles' scale by a pivot that may be off: an error that goes as the
         sine of the angle, and comes back after a turn. Angles of a camera that moves hang on no pivot.
@@ -101,7 +105,7 @@ class Footage:
         if self.motion is not None and not self.motion.steady:
             return self
         beside = relative * np.minimum(np.abs(self.angles - np.nanmean(self.angles)), 1.0)
-        return replace(self, deviations=np.hypot(self.deviations, np.nan_to_num(beside)))
+        return self.unsurer(beside)
 
     def remarks(self) -> list[str]:
         """What a user should know of the film, in a line each."""

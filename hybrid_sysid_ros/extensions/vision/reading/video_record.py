@@ -108,13 +108,14 @@ def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, 
         angles, filled = _filled(footage)
     scale = found.scale if _off_scale(found, reference) else geometry.scale
     by_position, unexplained = reference.kind is MotionSource.POSITION, 0.0
+    late = math.hypot(float(found.deviations[0]), found.wander if by_position else 0.0)
+    footage = footage.unsurer(late * np.gradient(angles, footage.seen))
     if scale == geometry.scale and not by_position:
         footage = footage.turned_unsurely(geometry.scale_deviation)
-    if by_position:  # what is not linear beside the sensor, or at times that wander, is no angle that is known better
-        beside = np.hypot(found.bend / abs(found.scale), found.wander * np.gradient(angles, footage.seen))
-        footage = replace(footage, deviations=np.hypot(footage.deviations, beside))
+    if by_position:  # what is not linear beside the sensor is no angle that is known better
+        footage = footage.unsurer(found.bend / abs(found.scale))
         unexplained = found.unexplained(footage.deviations)
-        footage = replace(footage, deviations=np.hypot(footage.deviations, unexplained / abs(found.scale)))
+        footage = footage.unsurer(unexplained / abs(found.scale))
     return VideoRecord(
         footage=footage,
         onset=lamp,

@@ -73,6 +73,16 @@ def test_a_film_is_put_in_a_bags_time_by_the_speed(wheel: SeenExperiment) -> Non
     assert any("by its speed" in line for line in video_record.contradictions(record))
 
 
+def test_a_film_in_a_bags_time_by_a_speed_is_as_uncertain_as_that_time(wheel: SeenExperiment) -> None:
+    """Its angles are known to a ten thousandth; at ten radians a second, a tenth of a millisecond is a thousandth."""
+    record = video_record.joined(wheel.footage, wheel.layers, wheel.rig, wheel.bag, exposure=0.008)
+    assert record.reference is not None
+    when = (record.stamps - record.reference.origin) * 1e-9
+    error = record.positions - np.interp(when, wheel.motion.times, wheel.motion.angles)
+    error -= error.mean()  # the zero is free
+    assert np.mean(np.abs(error) <= 1.645 * record.footage.deviations) > 0.8
+
+
 def test_a_film_is_put_in_a_bags_time_by_the_input(wheel: SeenExperiment, monkeypatch: pytest.MonkeyPatch) -> None:
     reference = joint_reference._by_input(wheel.rig, "wheel", wheel.bag)
 
