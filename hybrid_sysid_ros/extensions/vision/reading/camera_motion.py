@@ -153,7 +153,7 @@ def motion_of_camera(film: TimedPictures, background: NDArray[np.floating] | Non
         roll_deviation=roll_deviation,
         features=tracker.features,
         reference=reference,
-        torn=_torn(rest, scale),
+        torn=_torn(rest, places, scale),
         displaced=_displaced(places, reference.shape) if background is not None else 0.0,
     )
     if motion.displaced > max(DISPLACED * scale, motion.shake):
@@ -188,16 +188,19 @@ def _alike(first: list[Picture], last: list[Picture]) -> bool:
     return bool(np.corrcoef(one.ravel(), other.ravel())[0, 1] >= ALIKE)
 
 
-def _torn(rest: NDArray[np.float32], scale: float) -> NDArray[np.bool_]:
+def _torn(rest: NDArray[np.float32], places: Array, scale: float) -> NDArray[np.bool_]:
     """Pictures (pictures,) that are torn, by where their features lie beside their places (pictures, features, 2)
-    [pixels]; what is so in most pictures is the reference's own.
+    [pixels]; what is so in most pictures is the reference's own. places (pictures, looks, 2): of the camera, which
+    moves meanwhile; where it stands, a codec has moved the features.
     """
     known = rest[:, np.isfinite(rest[..., 0]).mean(axis=0) > 0.5]
     beside = np.linalg.norm(known - np.nanmedian(known, axis=0), axis=2)
     seen = np.isfinite(beside).any(axis=1)
     apart = np.zeros(len(rest))
     apart[seen] = np.nanquantile(beside[seen], MOST, axis=1)
-    return apart > max(UNMOVED * scale, min(TORN * float(np.median(apart)), BESIDE * scale))
+    steps = np.pad(np.linalg.norm(np.diff(places, axis=0), axis=2).max(axis=1), 1)
+    shakes = np.maximum(steps[:-1], steps[1:]) > UNMOVED * scale
+    return shakes & (apart > max(UNMOVED * scale, min(TORN * float(np.median(apart)), BESIDE * scale)))
 
 
 def _refuse_cut(film: TimedPictures) -> None:

@@ -97,6 +97,18 @@ def test_a_camera_that_shakes_while_rows_are_read_tears_pictures(wall: Picture) 
     assert np.flatnonzero(motion.torn).tolist() == [7, 20, 33]
 
 
+def test_features_that_a_codec_moves_before_a_tripod_tear_no_picture(wall: Picture) -> None:
+    """By .7 pixels here and there, for half a second, as where a film is compressed strongly."""
+    field = cv2.GaussianBlur(np.random.default_rng(0).normal(0.0, 1.0, (ROWS, COLUMNS, 2)), (0, 0), 8.0)
+    beside = (0.7 * field / field.std()).astype(np.float32)
+    places = np.indices((ROWS, COLUMNS)).astype(np.float32)
+    drifted = cv2.remap(wall, places[1] + beside[..., 0], places[0] + beside[..., 1], cv2.INTER_CUBIC)
+    film = [drifted if 20 <= k < 35 else wall for k in range(60)]
+    motion = motion_of_camera(lambda: iter([(k / 30.0, np.asarray(picture)) for k, picture in enumerate(film)]))
+    assert motion is not None
+    assert motion.torn.sum() <= 2  # where it begins and ends, at most
+
+
 def test_a_camera_that_was_knocked_over_is_refused(wall: Picture) -> None:
     """In a fifth of a second, so that no two pictures are of two takes."""
     x = 140.0 / (1.0 + np.exp(-(np.arange(60) - 30.0)))
