@@ -59,15 +59,13 @@ def guarded(function: Callable[..., Any], argument: str, gives: str) -> Callable
     return called
 
 
-def rig_of(value: RigLike, argument: str = "rig", load: Callable[[str | Path], Rig] = rigs.load) -> Rig:
+def rig_of(value: RigLike, load: Callable[[str | Path], Rig] = rigs.load) -> Rig:
     """A rig from a rig, its name, or the path of its folder."""
     if isinstance(value, Rig):
         return value
     if not isinstance(value, str | Path) or not str(value):
-        raise UserError(
-            f"{argument} is {shown(value)}; give a rig's name, the path of its folder, or what load_rig returns"
-        )
-    with within(argument):
+        raise UserError(f"rig is {shown(value)}; give a rig's name, the path of its folder, or what load_rig returns")
+    with within("rig"):
         return load(value)
 
 
@@ -76,17 +74,16 @@ def source_of(rig: RigLike) -> str:
     return "" if isinstance(rig, str) and not rig else rig_of(rig).source
 
 
-def given_records(value: object, rig: Rig, argument: str = "records") -> list[Record]:
+def given_records(value: object, rig: Rig) -> list[Record]:
     """One record or several, of a rig."""
     found = [value] if isinstance(value, Record | str | Path) else value
     if isinstance(found, np.ndarray) or not isinstance(found, Sequence):
         raise UserError(
-            f"{argument} is {shown(value)}; give a record or a list of them: read_bag makes one of a bag, record of "
-            "arrays"
+            f"records is {shown(value)}; give a record or a list of them: read_bag makes one of a bag, record of arrays"
         )
     if not found:
-        raise UserError(f"{argument} is empty; give at least one record")
-    return [record_of(item, rig, f"{argument}[{index}]") for index, item in enumerate(found)]
+        raise UserError("records is empty; give at least one record")
+    return [record_of(item, rig, f"records[{index}]") for index, item in enumerate(found)]
 
 
 def record_of(value: object, rig: Rig, argument: str = "record") -> Record:

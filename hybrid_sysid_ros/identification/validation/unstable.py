@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,8 +83,6 @@ def predictions(
     system: System,
     experiment: PreparedRecord,
     windows: UnstableFitSettings | None,
-    *,
-    ahead: Sequence[tuple[float, bool]] | None = None,
 ) -> list[PredictionErrors]:
     """Errors of predictions over horizons, in open loop or with the stabiliser, where the record is long enough.
 
@@ -101,9 +98,8 @@ def predictions(
     slowest = 1.0 if windows is not None else 1.0 / (sampling.period * SECOND)
     second = 1.0 / max(fastest_growth(system), slowest)
     past, stride = round(PAST * second / sampling.period), max(round(APART * second / sampling.period), 1)
-    if ahead is None:
-        far = windows is not None or not runs_away(system, experiment)  # what no stabiliser closes runs away
-        ahead = [(seconds * second, closed and windows is not None) for seconds, closed in AHEAD if far or not closed]
+    far = windows is not None or not runs_away(system, experiment)  # what no stabiliser closes runs away
+    ahead = [(seconds * second, closed and windows is not None) for seconds, closed in AHEAD if far or not closed]
     hidden = [*system.record_map().unobserved, *range(n, len(system.states))]
     free, initial = [k for k in range(n) if k not in hidden], experiment.states.copy()
     if windows is None or windows.stabiliser is None:
