@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.core import (
@@ -24,7 +25,13 @@ from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.parameter_groups import groups
-from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings, fastest_growth
+from hybrid_sysid_ros.identification.shooting import (
+    MultipleShootingProblem,
+    UnstableFitSettings,
+    fastest_growth,
+    growth_along,
+    parts_from,
+)
 from hybrid_sysid_ros.identification.validation.unstable import (
     UnstableError,
     check_free_run,
@@ -33,6 +40,7 @@ from hybrid_sysid_ros.identification.validation.unstable import (
 )
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import Fit
+from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.support.errors import UserError
 
 STEP, NOISE = 0.02, np.array([0.002, 0.01])
@@ -377,3 +385,103 @@ def test_an_unstable_rig_whose_loop_nobody_declared_is_fitted_and_judged(tmp_pat
     first, *_ = found.ahead
     assert first.scores.r2 > 0.98
     assert all(scores["r2"] > 0.98 for scores in model.scores.values())
+
+
+def test_modes_grow_where_the_record_passes_an_unstable_point():
+    """s^2 = w cos q / J: at the bottom, q = pi, nothing grows, and at the top it does by sqrt(w / J)."""
+    angles = np.linspace(np.pi, 2.0 * np.pi, 41)
+    states = np.column_stack([angles, np.zeros(41)])
+    passing = PreparedRecord(name="p", sampling=SAMPLING, inputs=np.zeros((40, 1)), outputs=states, states=states)
+    resting = replace(passing, states=states[:10], outputs=states[:10], inputs=np.zeros((9, 1)))
+    assert growth_along(PLANT, resting) == pytest.approx(0.0, abs=1e-9)
+    assert growth_along(PLANT, passing) == pytest.approx(np.sqrt(PLANT.weight / PLANT.inertia), rel=0.01)
+
+
+@pytest.mark.parametrize(("first", "part"), [(0.0001, True), (np.pi + 0.5, False), (0.5, False)])
+def test_runs_part_where_the_noise_of_a_start_decides_on_which_side_of_the_top_they_fall(first, part):
+    """Of .0005 rad, which the first 40 samples leave open, comes an error of a radian in log(2000) / 2.08 = 3.65 s."""
+    states = simulate(PLANT, np.array([first, 0.0]), np.zeros((300, 1)), step=STEP)
+    record = PreparedRecord(
+        name="fallen", sampling=SAMPLING, inputs=np.zeros((300, 1)), outputs=states, states=states, noise=NOISE,
+        deviations=NOISE,
+    )  # fmt: skip
+    found = parts_from(PLANT, record)
+    assert (found is not None and 3.0 < found < 5.5) if part else found is None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cart(System):
+    """m q'' = u."""
+
+    states = ("place [m]", "rate [m/s]")
+    inputs = ("push [N]",)
+    outputs = ("place",)
+    stepper = RungeKutta()
+
+    mass: float = bounded(2.0, 0.1, 10.0, unit="kg")
+
+    def law(self, x, u):
+        return x[1], u[0] / self.mass
+
+
+def test_runs_that_only_integrate_do_not_part():
+    """An error of the first rate grows to twice the motion, and as far to either side."""
+    states = simulate(Cart(), np.zeros(2), np.sin(np.arange(500)[:, None]), step=STEP)
+    record = PreparedRecord(
+        name="cart", sampling=SAMPLING, inputs=np.sin(np.arange(500)[:, None]), outputs=states[:, :1], states=states,
+        noise=np.array([1e-3]), deviations=np.array([1e-3, 2.0 * float(np.std(states[:, 0]))]),
+    )  # fmt: skip
+    assert parts_from(Cart(), record) is None
+
+
+HANGING = """
+from dataclasses import dataclass
+
+from hybrid_sysid_ros.core import RungeKutta, System, bounded
+from hybrid_sysid_ros.core.mathematics import sin
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hanging(System):
+    states = ("angle [rad]", "rate [rad/s]")
+    inputs = ("torque [N m]",)
+    outputs = ("angle",)
+    stepper = RungeKutta()
+    inertia: float = bounded(0.03, 0.001, 1.0, unit="kg m^2")
+    weight: float = bounded(0.5, 0.0, 10.0, unit="N m")
+    damping: float = bounded(0.02, 0.0, 1.0, unit="N m s/rad")
+
+    def law(self, x, u):
+        return x[1], (u[0] - self.weight * sin(x[0]) - self.damping * x[1]) / self.inertia
+"""
+GOING_ROUND = """
+step: 0.01
+actuators: {torque: {low: -1.5, high: 1.5}}
+sensors: {angle: {white_noise: 0.0005}}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_pendulum_that_goes_over_the_top_is_found_within_its_errors(tmp_path, seed):
+    """Free runs go to either side of the top, so that their slopes say nothing: an error was 20 000 deviations."""
+    folder = tmp_path / "hanging"
+    folder.mkdir()
+    (folder / "system.py").write_text(HANGING)
+    (folder / "rig.yaml").write_text(GOING_ROUND)
+    times, x, angles = 0.01 * np.arange(2000), np.zeros(2), []
+    torques = multisine(seed, amplitude=0.9, low=0.1, high=3.0, lines=30, period=20.0)(times)
+
+    def law(_, x, torque):
+        return x[1], (torque - 0.8 * np.sin(x[0]) - 0.01 * x[1]) / 0.02
+
+    for torque in torques.tolist():
+        angles.append(x[0])
+        x = solve_ivp(law, (0.0, 0.01), x, args=(torque,), rtol=1e-9, atol=1e-9).y[:, -1]
+    assert np.ptp(angles) > 2.0 * np.pi
+    measured = np.array(angles) + 0.0005 * np.random.default_rng(seed).standard_normal(2000)
+    rig = hs.load_rig(folder)
+    model = hs.identify(hs.record(time=times, inputs=torques, outputs=measured, rig=rig), rig, "gray")
+    for name, true in {"inertia": 0.02, "weight": 0.8, "damping": 0.01}.items():
+        error = model.standard_errors[name]
+        assert abs(model.parameters[name] - true) < 3.0 * error < 0.01 * true

@@ -135,11 +135,12 @@ def _show(model: Model, rig: Rig, records: Sequence[tuple[Record, Part]]) -> Non
         console.print(f"doubt: over {name}, which it was fitted to, R2 of its run is {r2:.2f} for {output}{reason}")
     title = "training" if rig.experiments.stabiliser is None else "training, closed by the stabiliser"
     if rig.experiments.stabiliser is None and "chi_squared" in model.fit:
-        title = "training, by predictions while an error grows by e"
+        growth = fastest_growth(model.system)
+        grows = f"the law is unstable (an error grows by e in {1.0 / growth:.3g} s)" if growth else "free runs part"
+        title = "training, by predictions while an error grows by e" if growth else "training, by predictions"
         console.print(
-            f"the law is unstable (an error grows by e in {1.0 / fastest_growth(model.system):.3g} s), so it was "
-            "fitted over short windows, and is scored by predictions; in closed loop, if rig.yaml names the loop's "
-            "gains (experiments.stabiliser)"
+            f"{grows}, so it was fitted over short windows, and is scored by predictions; in closed loop, if rig.yaml "
+            "names the loop's gains (experiments.stabiliser)"
         )
     print_table(score_table(model.scores, rig, title))
 

@@ -14,7 +14,15 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, resample
 from hybrid_sysid_ros.identification.fitting import Biased, FitProgress, fit
 from hybrid_sysid_ros.identification.initial_values import magnitudes
-from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, open_windows, runs_away, unstable_settings
+from hybrid_sysid_ros.identification.shooting import (
+    UnstableFitSettings,
+    fastest_growth,
+    growth_along,
+    open_windows,
+    parts_from,
+    runs_away,
+    unstable_settings,
+)
 from hybrid_sysid_ros.identification.starts import unshown_states
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
@@ -112,15 +120,23 @@ class Context:
         return replace(found, system=found.system.physics, notes={"input_bias": noted})
 
     def _over_windows(self, found: Fit, system: System, settings: Mapping[str, Any]) -> Fit:
-        """The fit over open windows in the place of one of free runs that failed, where errors of an unstable system
-        grow too far, and nobody named its stabiliser.
+        """The fit over open windows in the place of one of free runs that failed: where errors of an unstable system
+        grow too far, and nobody named its stabiliser, or where runs part.
         """
-        experiments = self.experiments(system)
-        lost = settings["unstable"] is None and found.relative_error > LOST and not unshown_states(system)
-        if not lost or not any(runs_away(law, item) for law in (system, found.system) for item in experiments):
+        if settings["unstable"] is not None or unshown_states(system):
+            return found
+        laws, experiments = (system, found.system), self.experiments(system)
+        lost = found.relative_error > LOST and any(runs_away(law, item) for law in laws for item in experiments)
+        if not lost and all(parts_from(found.system, item) is None for item in experiments):
             return found
         given = {key: value for key, value in settings.items() if key != "stages"}
-        return self.fit(system, **{**given, "unstable": open_windows(self.rig)})
+        return self.fit(system, **{**given, "unstable": self.windows(system if lost else found.system)})
+
+    def windows(self, system: System) -> UnstableFitSettings:
+        """Open windows in which an error grows little, also where a system is unstable away from rest alone."""
+        if fastest_growth(system):
+            return open_windows(self.rig)
+        return open_windows(self.rig, max(growth_along(system, item) for item in self.experiments(system)))
 
     def _by_criterion(self, found: Fit, settings: Mapping[str, Any]) -> Fit:
         """The fit of physics by the chosen criterion, from that of free runs; a network is fitted to free runs."""

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_ra
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.parameter_groups import groups
 from hybrid_sysid_ros.identification.part import Part, check_apart, parts_of, without_gaps
-from hybrid_sysid_ros.identification.shooting import check_sampling, open_windows
+from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.bands import Uncertainty, band_calibration
 from hybrid_sysid_ros.identification.validation.left_out import LeftOut, left_out
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
@@ -158,7 +158,7 @@ def _refined(context: Context, fitted: Fit) -> tuple[Context, Fit]:
     """
     if context.unstable is not None:
         return context, fitted
-    windows = None if fitted.chi_squared is None else open_windows(context.rig)
+    windows = None if fitted.chi_squared is None else context.windows(fitted.system)
     for least in REFINED[: 1 if windows is None else None]:
         refined = _finer(context) if _moved(fitted) > least else context
         if refined is context and not (fitted.system.contacts and least == REFINED[0]):

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.core.rollout import Starts
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.problem import FitProblem, Map, Residuals
-from hybrid_sysid_ros.identification.starts import root_mean_squares
+from hybrid_sysid_ros.identification.starts import root_mean_squares, start_of
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -27,6 +27,12 @@ GAUSS_NEWTON, STILL = 8, 1e-6
 """Most Gauss-Newton steps of the initial states, and the relative change of the residual that ends them."""
 MOST_GROWTH = 1e6
 """Growth of an error of the initial state over a free run above which the run is meaningless."""
+LOOKED = 200
+"""States of a record, about, at which modes are looked at."""
+FAR, EVEN = 0.1, 0.5
+"""Distance of runs in the output's deviation, from which they part, and the even part of what they answer to moves of
+the start, in the odd part, from which they go either way.
+"""
 SLOWEST = 0.05
 """Growth rate [1/s] below which a rig counts as stable, since windows would be as long as records."""
 
@@ -41,6 +47,9 @@ class UnstableFitSettings:
     """K (inputs, outputs) of u = v - K y, which stabilises the rig, in SI; None: nobody knows it, so that all windows
     are open.
     """
+    growth: float = 0.0
+    """Rate [1/s] by which an error grows, which the open windows are as long as; 0: that of the fastest mode at rest.
+    """
     closed: float = 0.0
     """Length [s] of the last windows, in which the stabiliser closes the loop; 0: none."""
 
@@ -52,9 +61,12 @@ def unstable_settings(rig: Rig) -> UnstableFitSettings | None:
     return replace(open_windows(rig), stabiliser=rig.experiments.stabiliser, closed=rig.experiments.closed_windows)
 
 
-def open_windows(rig: Rig) -> UnstableFitSettings:
-    """Settings of an unstable rig that declares no stabiliser."""
-    return UnstableFitSettings(noise=np.array([sensor.noise * abs(sensor.scale) for sensor in rig.sensors]))
+def open_windows(rig: Rig, growth: float = 0.0) -> UnstableFitSettings:
+    """Settings of an unstable rig that declares no stabiliser, or of one whose runs part. growth: see
+    :class:`UnstableFitSettings`.
+    """
+    noise = np.array([sensor.noise * abs(sensor.scale) for sensor in rig.sensors])
+    return UnstableFitSettings(noise=noise, growth=growth)
 
 
 def runs_away(system: System, experiment: PreparedRecord) -> bool:
@@ -67,8 +79,49 @@ def fastest_growth(system: System) -> float:
     """Growth rate of the fastest mode where states and inputs are zero [1/s]; 0 where none grows."""
     if system.sampling_time:
         return 0.0
-    transition, _ = linearised(system, np.zeros(len(system.states)), np.zeros(len(system.inputs)))
+    return _growth(system, np.zeros(len(system.states)), np.zeros(len(system.inputs)))
+
+
+def growth_along(system: System, experiment: PreparedRecord) -> float:
+    """Growth rate of the fastest mode at the states of a record [1/s]; 0 where none grows anywhere."""
+    if system.sampling_time:
+        return 0.0
+    states, every = np.zeros(len(system.states)), max(experiment.samples // LOOKED, 1)
+    shown, found = experiment.states.shape[1], [0.0]
+    for k in range(0, experiment.samples - 1, every):
+        states[:shown] = experiment.states[k]
+        found.append(_growth(system, states, experiment.inputs[k * experiment.sampling.every]))
+    return max(found)
+
+
+def _growth(system: System, x: Array, u: Array) -> float:
+    """Largest real part of the modes at x (states,) and u (inputs,) [1/s], at least 0."""
+    transition, _ = linearised(system, x, u)
     return float(max(np.max(np.linalg.eigvals(transition).real, initial=0.0), 0.0))
+
+
+def parts_from(system: System, experiment: PreparedRecord) -> float | None:
+    """Time [s] from which runs over a record part, so that none is predictable; None where they don't.
+
+    Runs r from what is not known of the start, x0 + s and x0 - s for each of its principal deviations s, part where
+
+        |r(+s) + r(-s) - 2 r(0)| > EVEN |r(+s) - r(-s)|   and   > FAR sigma(y):
+
+    past an unstable point, as a pendulum's top, they go either way, whereas errors that only grow answer oddly.
+    """
+    start, sampling, count = start_of(system, experiment), experiment.sampling, experiment.samples
+    values, vectors = np.linalg.eigh(start.covariance)
+    moves = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    first = np.repeat(start.state[None], 1 + 2 * len(moves), axis=0)
+    first[1:, list(start.estimated)] += np.concatenate([moves, -moves])
+    starts = np.array([[0, 0, count, k * count] for k in range(len(first))])
+    _, runs = rollouts(system, starts, first, experiment.inputs, step=sampling.step, every=sampling.every)
+    middle, (up, down) = runs[:count], runs[count:].reshape(2, len(moves), *runs[:count].shape)
+    with np.errstate(over="ignore", invalid="ignore"):
+        even, odd = np.abs(up + down - 2.0 * middle), np.abs(up - down)
+    parted = (even > EVEN * odd) & (even > FAR * np.std(experiment.outputs, axis=0))
+    where = np.flatnonzero(parted.any(axis=(0, 2)))
+    return float(where[0] * sampling.period) if len(where) else None
 
 
 def check_sampling(sampling: Sampling, name: str) -> None:
@@ -157,7 +210,7 @@ class MultipleShootingProblem(FitProblem):
         self.moved_states, self.nuisance_units = [], np.zeros(0)
         self._shown = sorted(set(range(len(system.declared_states))) - set(self.hidden))
         self._noise = np.where(settings.noise > 0.0, settings.noise, 1e-3 * self.deviation)
-        growth = max(fastest_growth(system), SLOWEST)
+        growth = max(settings.growth or fastest_growth(system), SLOWEST)
         period = self.sampling.period
         lengths = [max(round(rate / growth / period), 2) for rate in GROWTHS]
         self._open = lengths[-1]

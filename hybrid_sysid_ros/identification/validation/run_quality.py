@@ -9,7 +9,7 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import PreparedRecord
-from hybrid_sysid_ros.identification.shooting import fastest_growth
+from hybrid_sysid_ros.identification.shooting import fastest_growth, parts_from
 from hybrid_sysid_ros.identification.starts import start_of
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -60,9 +60,12 @@ def run_quality(system: System, experiment: PreparedRecord) -> RunQuality:
         grows = fastest_growth(system) > 0.0 and late[worst] > EXPONENTIAL * middle[worst]
         name, times = system.outputs[worst].name, late[worst] / deviation[worst]
         many = f"{times:.2g} times" if times < 1e6 else "more than a million times"
+        parting = None if grows else parts_from(system, experiment)
         why = "it is unstable" if grows else "it integrates"
+        if parting is not None:
+            why = f"it may go either way from {parting:.3g} s on"
         return RunQuality(
-            kind="unstable" if grows else "integrates",
+            kind="unstable" if grows or parting is not None else "integrates",
             sentence=f"{experiment.name}: the free run of {name} says little, for {why}: what is not known of its "
             f"start, and a thousandth of the inputs' range, become {many} the deviation of {name}; judge the model by "
             "the loop done again and by some steps ahead",

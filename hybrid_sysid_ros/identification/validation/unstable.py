@@ -14,6 +14,7 @@ from hybrid_sysid_ros.identification.shooting import (
     UnstableFitSettings,
     fastest_growth,
     held_inputs,
+    parts_from,
     runs_away,
     settled,
 )
@@ -35,21 +36,24 @@ class UnstableError(UserError):
 
 
 def check_free_run(system: System, experiment: PreparedRecord) -> None:
-    """Raise UnstableError for a system whose free run over an experiment is meaningless: it is linearly unstable at
-    rest, so that an initial error grows a million times, and its run has left the record.
+    """Raise UnstableError for a system whose free run over an experiment is meaningless, and has left the record: it is
+    linearly unstable at rest, so that an initial error grows a million times, or runs part on the way.
     """
-    if not runs_away(system, experiment):
-        return
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.mean((free_run(system, experiment) - experiment.outputs) ** 2, axis=0)
     if np.all(squares < np.var(experiment.outputs, axis=0)):
         return  # a nonlinear term bounds the growth, and the run follows the record
-    seconds = experiment.sampling.period * (experiment.samples - 1)
-    raise UnstableError(
-        f"{experiment.name}: an open free run over {seconds:.0f} s is meaningless for an unstable system: an error "
-        f"grows by e in {1.0 / fastest_growth(system):.3g} s; judge it by predictions of some seconds, and in closed "
-        "loop"
-    )
+    if runs_away(system, experiment):
+        seconds = experiment.sampling.period * (experiment.samples - 1)
+        why = (
+            f"an open free run over {seconds:.0f} s is meaningless for an unstable system: an error grows by e in "
+            f"{1.0 / fastest_growth(system):.3g} s"
+        )
+    elif (parting := parts_from(system, experiment)) is not None:
+        why = f"no free run is sure: from {parting:.3g} s on, what is not known of the start leads either way"
+    else:
+        return
+    raise UnstableError(f"{experiment.name}: {why}; judge it by predictions of some seconds, and in closed loop")
 
 
 def has_free_run(system: System, experiment: PreparedRecord) -> bool:
