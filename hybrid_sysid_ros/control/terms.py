@@ -189,6 +189,7 @@ def check_hard(
             f"the inputs: none was found, and the nearest is {beyond:.3g} beyond one of them; widen them, or make one "
             "soft"
         )
+        return  # one guess is enough: each takes a while
 
 
 def _named(terms: Sequence[StageTerm], group: Sequence[int]) -> str:
