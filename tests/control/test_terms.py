@@ -198,6 +198,17 @@ def test_hard_bounds_that_seem_to_leave_no_input_are_told_as_a_guess():
         declared(terms={"ring": ring, "turned": turned}, stage_parameters={}).sized(ARMS)
 
 
+@pytest.mark.parametrize("gap", [1e-1, 1e-3, 1e-5])
+def test_hard_bounds_that_meet_at_a_small_angle_hold(gap):
+    """A disc and a line that cuts off a segment of this height: all inputs are near one point."""
+    disc = {"value": "first_torque**2 + second_torque**2", "high": 1.0, "hard": True}
+    line = {"value": "first_torque + second_torque", "low": math.sqrt(2.0) * (1.0 - gap), "hard": True}
+    plan = ExactMpc(ARMS, declared(terms={"disc": disc, "line": line})).control(*instance(0))
+    assert plan.status is Status.SOLVED
+    assert np.all(np.sum(plan.inputs**2, axis=1) <= 1.0 + 1e-9)
+    assert np.all(np.sum(plan.inputs, axis=1) >= line["low"] - 1e-9)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_intervals_enclose_what_a_function_is_within_a_box(seed):
     functions = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "fabs")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
@@ -155,17 +157,18 @@ def _evaluate(prediction: PredictionModel, horizon: Horizon, i: int) -> None:
 RESTORATIONS, VIOLATION = 8, 1e-13
 """Most steps back to the hard bounds of a stage's terms, and the distance that is left."""
 
+PARALLEL = 1e-12
+"""Share of a squared gradient that is left across others, below which they are parallel."""
+
 
 @inner
 def keep_hard(prediction: PredictionModel, horizon: Horizon, previous: Array, inputs: Array) -> None:
-    """Move inputs (N, m) of each interval to where the hard bounds on terms hold, by Newton's method along each
-    gradient of the inputs that are free to move: their bounds and limits of rates, after ``previous`` (m,), hold, too.
+    """Move inputs (N, m) of each interval to where the hard bounds on terms hold, by Newton's method along the
+    gradients of the inputs that are free to move: their bounds and limits of rates, after ``previous`` (m,), hold, too.
 
     Such terms depend on inputs alone. So every iterate keeps them, and a step needs no price of their violation.
     """
-    limits, weights, linear, slopes = horizon.limits, horizon.weights, horizon.linear, horizon.work.slopes
-    n, m = linear.B.shape[1:]
-    count, first, drive = inputs.shape[0], 0, horizon.work.drive
+    (count, m), limits, first, drive = inputs.shape, horizon.limits, 0, horizon.work.drive
     low, high = np.empty(m), np.empty(m)
     for i in range(count):
         u = inputs[i]
@@ -181,17 +184,7 @@ def keep_hard(prediction: PredictionModel, horizon: Horizon, previous: Array, in
             for j in range(m):
                 drive[j] = u[j] + horizon.disturbance[j]
             _evaluate(prediction, horizon, i)
-            most = 0.0
-            for r in range(limits.values.shape[0]):
-                k = limits.values[r]
-                above, below = (
-                    linear.outputs[i, k] - weights.value_high[i, k],
-                    weights.value_low[i, k] - linear.outputs[i, k],
-                )
-                if limits.hard[r] and max(above, below) > VIOLATION:
-                    most = max(most, above, below)
-                    _restore(u, slopes[k, n:], above if above > below else -below, low, high)
-            if most == 0.0:
+            if not _restore(horizon, i, u, low, high):
                 break
     for i in range(count - 2, -1, -1):
         if limits.moves[i] == limits.moves[i + 1]:
@@ -199,11 +192,47 @@ def keep_hard(prediction: PredictionModel, horizon: Horizon, previous: Array, in
 
 
 @inner
-def _restore(u: Array, slopes: Array, distance: float, low: Array, high: Array) -> None:
-    """Move inputs u (m,) within low .. high against a distance of a value, whose derivatives by them are ``slopes``."""
-    size = 0.0
-    for j in range(u.shape[0]):
-        if (u[j] > low[j]) if distance * slopes[j] > 0.0 else (u[j] < high[j]):
-            size += slopes[j] * slopes[j]
-    for j in range(u.shape[0] if size > 0.0 else 0):
-        u[j] = min(max(u[j] - distance * slopes[j] / size, low[j]), high[j])
+def _restore(horizon: Horizon, i: int, u: Array, low: Array, high: Array) -> bool:
+    """Move inputs u (m,) of interval i within low .. high by a step of Newton's method to the hard bounds that are off,
+    and to those that the step would leave; False where none is off.
+
+    The farthest is reached first, along its gradient by the inputs that are free; each further one along what its
+    gradient has across those before (Gram and Schmidt), so that these stay. One after the other, bounds that meet at a
+    small angle would hardly be approached.
+    """
+    limits, weights, linear, slopes = horizon.limits, horizon.weights, horizon.linear, horizon.work.slopes
+    n, m, left = linear.C.shape[2], u.shape[0], False
+    across, moved, one = np.zeros((m, m)), np.zeros(m), np.empty(m)
+    for found in range(m):
+        farthest, distance = -1, 0.0
+        for r in range(limits.values.shape[0]):
+            k = limits.values[r]
+            value = linear.outputs[i, k]
+            for j in range(m):
+                value += slopes[k, n + j] * moved[j]
+            above, below = value - weights.value_high[i, k], weights.value_low[i, k] - value
+            if limits.hard[r] and max(above, below) > max(abs(distance), VIOLATION):
+                farthest, distance = k, above if above > below else -below
+        if farthest < 0:
+            break
+        left, whole, size = True, 0.0, 0.0
+        for j in range(m):
+            slope = slopes[farthest, n + j]
+            one[j] = slope if ((u[j] > low[j]) if distance * slope > 0.0 else (u[j] < high[j])) else 0.0
+            whole += one[j] * one[j]
+        for e in range(found):
+            part = 0.0
+            for j in range(m):
+                part += one[j] * across[e, j]
+            for j in range(m):
+                one[j] -= part * across[e, j]
+        for j in range(m):
+            size += one[j] * one[j]
+        if not size > PARALLEL * whole:
+            break
+        for j in range(m):
+            moved[j] -= distance * one[j] / size
+            across[found, j] = one[j] / math.sqrt(size)
+    for j in range(m if left else 0):
+        u[j] = min(max(u[j] + moved[j], low[j]), high[j])
+    return left
