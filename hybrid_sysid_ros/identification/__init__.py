@@ -1,7 +1,7 @@
 """Identification: models are fitted to records, scored and validated."""
 
 from hybrid_sysid_ros.identification.experiment import PreparedRecord, prepare
-from hybrid_sysid_ros.identification.identify import evaluate, identify, notes_of
+from hybrid_sysid_ros.identification.identify import evaluate, identify
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
 
@@ -12,7 +12,6 @@ __all__ = [
     "evaluate",
     "free_run",
     "identify",
-    "notes_of",
     "prepare",
     "score",
 ]

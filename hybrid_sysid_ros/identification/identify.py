@@ -36,8 +36,6 @@ from hybrid_sysid_ros.support.extensions import blaming, provided
 
 BETTER = 0.98
 """Factor of the training error by which lines between an input's samples must be better than held samples."""
-ALIKE = 0.01
-"""Difference of scores by which a record is the same: another rule for the start of a run makes some thousandths."""
 REFINED, FINER = (0.3, 1.0), (5, 4, 6, 3, 2)
 """Shares of a standard error by which a step may move a parameter at first, and once it is finer in a fit over windows,
 which are short enough for a still finer one; and the parts into which a longer step is cut, the first that fit the
@@ -129,7 +127,7 @@ def _model(
             "evaluations": fitted.evaluations,
             "seed": context.seed,
             **({"block_spread": dict(zip(fitted.names, fitted.block_spread.tolist(), strict=True))} if spread else {}),
-            **_noted(rig, fitted, context.options, experiments, ranges, leave_out=leave_out),
+            **training_notes(rig, fitted, context.options, experiments, ranges, leave_out=leave_out),
             **fitted.notes,
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
             **({"groups": [group.content for group in known_together]} if known_together else {}),
@@ -192,31 +190,6 @@ def _finer(context: Context) -> Context:
     return context
 
 
-def notes_of(model: Model, records: Sequence[Record], rig: Rig) -> dict[str, Any]:
-    """What :func:`identify` notes of training records, by name, of a model that was made when less was noted.
-
-    records: those that it was fitted to, in any order, and maybe more. One is known by its digest, or by the model's
-    score over it, since the same record may be written as bag anew. Raises UserError where one is missing or another.
-    """
-    given = {record.name: record for record in records}
-    if lacking := [entry["name"] for entry in model.records if entry["name"] not in given]:
-        raise UserError(f"the model was fitted to {', '.join(lacking)} as well: give all bags that it was fitted to")
-    noted = []
-    for entry in model.records:
-        record, (start, stop) = given[entry["name"]], entry.get("part", (0.0, 1.0))
-        used = without_gaps(parts_of([record], Part(start=start, stop=stop), model.sampling), model.sampling)
-        experiments = [checked(each, rig, model.sampling).experiment(model.system) for each in used]
-        if record.digest != entry.get("sha256"):
-            for item in experiments:
-                then, now = model.scores[item.name]["r2"], scores_of(model.system, item, rig).r2
-                if not abs(now - then) <= ALIKE:
-                    raise UserError(
-                        f"{item.name}: the model scored {then:.4f} over it, and now {now:.4f}: not the same"
-                    )
-        noted += experiments
-    return _noted(rig, model, model.fit.get("options", {}), noted, model.training_range, leave_out=True)
-
-
 def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
     """Scores of the strict free run, or for an unstable rig of one run in closed loop with its stabiliser, or where
     none is known, of predictions over the shortest horizon.
@@ -240,7 +213,7 @@ def _ranges(rig: Rig, experiments: Sequence[PreparedRecord]) -> dict[str, tuple[
     return {variable.name: (float(column.min()), float(column.max())) for variable, column in columns}
 
 
-def _noted(
+def training_notes(
     rig: Rig,
     fitted: Fit | Model,
     options: Mapping[str, Any],

@@ -10,7 +10,7 @@ import typer
 from hybrid_sysid_ros.commands import options
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console
-from hybrid_sysid_ros.identification import notes_of
+from hybrid_sysid_ros.extensions.trained_range.older_models import notes_of
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.model import NOTES, save_notes
 from hybrid_sysid_ros.rigs.rig import load as load_rig

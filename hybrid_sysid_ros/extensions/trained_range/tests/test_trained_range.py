@@ -18,9 +18,10 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.trained_range.live import live_range_of
+from hybrid_sysid_ros.extensions.trained_range.older_models import notes_of
 from hybrid_sysid_ros.extensions.trained_range.trained_range import WRONGLY, TrainedRange, _places, mean_inputs
 from hybrid_sysid_ros.extensions.trained_range.words import reason
-from hybrid_sysid_ros.identification import notes_of, prepare
+from hybrid_sysid_ros.identification import prepare
 from hybrid_sysid_ros.models import Sampling, load
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.models.model import NOTES
