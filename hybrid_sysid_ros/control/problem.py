@@ -135,8 +135,9 @@ class ControlProblem:
         own, step = system.sampling_time, self.period / self.substeps
         if own is not None and abs(step - own) > 1e-9:
             raise UserError(
-                f"mpc: {type(system).__name__} steps by {own:g} s, the problem by {step:g} s: set mpc's period to "
-                f"whole steps of the model and its substeps to their number, or identify with that period (--period)"
+                f"mpc: {type(system).__name__} steps by {own:g} s, the problem by {step:g} s: set the controller's "
+                "period to whole steps of the model and its substeps to their number, or identify with that period "
+                "(--period)"
             )
         each = (_PER_OUTPUT, system.outputs), (_PER_INPUT, system.inputs), (_PER_STATE, system.states)
         found = {

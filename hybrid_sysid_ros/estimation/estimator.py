@@ -102,7 +102,7 @@ class Estimator(ABC):
             if steps < 1 or abs(period - steps * system.sampling_time) > 1e-9 or tuning.channels:
                 raise UserError(
                     f"{type(system).__name__} steps by {system.sampling_time:g} s: measurements must come whole steps "
-                    f"apart, not {period:g} s, and from no further channels"
+                    f"apart, not {period:g} s (set the estimator's rate), and from no further channels"
                 )
             self._window, step = 0.0, system.sampling_time
         else:
