@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hybrid_sysid_ros.rigs.units import LETTERS, PREFIXES, SYMBOLS
+from hybrid_sysid_ros.rigs.units import LETTERS, PREFIXES, SYMBOLS, named
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import Interrupted, UserError, known
 
@@ -152,9 +152,11 @@ def without_unit(name: str) -> str:
 
 
 def _parted(name: str) -> tuple[str, str]:
-    """A name and the unit that ends it, in brackets or behind a sign or blank; numbers in brackets are places."""
-    if (united := UNITED.match(name)) and not name.startswith("/") and not united["unit"].strip().isdigit():
-        return united["name"], united["unit"].strip()
+    """A name and the unit that ends it, in brackets or behind a sign or blank; other words in brackets are none."""
+    if (united := UNITED.match(name)) and not name.startswith("/"):
+        unit = united["unit"].strip()
+        known = not unit.isdigit() and (unit in UNITS or unit.startswith("°") or named(unit) is not None)
+        return (united["name"], unit) if known else (name, "")
     if (rate := _RATE.match(name)) and rate["unit"] in (*UNITS, *RATED):
         return rate["front"], f"{rate['unit']}/{rate['time']}"
     match = _END.match(name)

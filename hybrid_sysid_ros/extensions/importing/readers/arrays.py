@@ -11,6 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from hybrid_sysid_ros.extensions.importing.log_file import MOST_COLUMNS, LogColumn, LogFile, check_size
+from hybrid_sysid_ros.extensions.importing.readers.moments import IS_MOMENT, seconds_of_moments
 from hybrid_sysid_ros.extensions.importing.time_columns import period_words
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -95,25 +96,34 @@ class ParquetFile(LogFile):
 
         self._lazy = polars.scan_parquet(path, glob=False)
         schema = self._lazy.collect_schema()
+        texts = self._lazy.select(name for name, kind in schema.items() if kind == polars.String).head(1).collect()
+        self._times = {name for name, kind in schema.items() if kind.is_temporal()}
+        self._times |= {column.name for column in texts if IS_MOMENT.match(next(iter(column), None) or "")}
         samples = int(self._lazy.select(polars.len()).collect().item())
         kinds = [
-            name for name, kind in schema.items() if kind.is_numeric() or kind.is_temporal() or kind == polars.Boolean
+            name for name, kind in schema.items() if name in self._times or kind.is_numeric() or kind == polars.Boolean
         ]
-        super().__init__(path, [LogColumn(name=name, samples=samples, unit=_unit(schema[name])) for name in kinds])
+        super().__init__(
+            path,
+            [LogColumn(name=name, samples=samples, unit="s" if name in self._times else "") for name in kinds],
+        )
 
     def _values(self, names: Sequence[str]) -> Mapping[str, Array]:
         import polars
 
         table = self._lazy.select(names).collect()
-        found = {}
-        for name in names:
-            column = table[name]
-            if column.dtype.is_temporal():
-                stamps = column.dt.cast_time_unit("ns").to_physical()
-                column = (stamps - stamps.min()) * 1e-9
-            found[name] = column.cast(polars.Float64).to_numpy()
-        return found
+        return {
+            name: seconds_of_times(table[name]) if name in self._times else table[name].cast(polars.Float64).to_numpy()
+            for name in names
+        }
 
 
-def _unit(kind: Any) -> str:
-    return "s" if kind.is_temporal() else ""
+def seconds_of_times(times: Any) -> Array:
+    """Seconds since the first of times, dates, times of day or texts of these (a column of polars), (rows,)."""
+    import polars
+
+    if times.dtype == polars.String or times.dtype == polars.Time:  # which go on over midnight
+        return seconds_of_moments(times if times.dtype == polars.String else times.dt.to_string("%H:%M:%S%.f"))
+    whole = times.cast(polars.Datetime) if times.dtype == polars.Date else times
+    stamps = whole.dt.cast_time_unit("ns").to_physical()
+    return np.asarray(((stamps - stamps.min()) * 1e-9).cast(polars.Float64).to_numpy())

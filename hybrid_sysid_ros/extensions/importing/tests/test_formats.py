@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from datetime import date, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.io import savemat
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import joint_states, write_bag
 from hybrid_sysid_ros.extensions.importing import log_file
+from hybrid_sysid_ros.extensions.importing.readers import open_log
 from hybrid_sysid_ros.rigs import rig as rigs
 from tests.command_line import refused
 
@@ -147,12 +149,29 @@ def test_a_sampling_rate_beside_the_samples_is_their_time(imported, tmp_path, wr
 
 
 def test_a_rig_of_a_table_has_the_units_of_its_names(program, tmp_path):
-    """As it has of a text file; numbers in brackets are places of an array."""
+    """As it has of a text file."""
     parquet(tmp_path / "a.parquet")
     assert program("rig", "from", str(tmp_path / "a.parquet"), str(tmp_path / "unit_of_name"))[0] == 0
     (output,) = rigs.load(str(tmp_path / "unit_of_name")).system.outputs
     assert str(output) == "position [rad]"
-    assert log_file.unit_at_end("x[0]") == ""
+
+
+@pytest.mark.parametrize("kind", ["moments", "times of day", "texts", "texts of day", "days"])
+def test_times_of_a_table_are_seconds_whatever_their_type(tmp_path, kind):
+    """Of rows 10 ms apart over midnight, or of a row a day."""
+    import polars
+
+    moments = [datetime(2024, 3, 3, 23, 59, 59) + timedelta(seconds=time) for time in TIME.tolist()]
+    days = [date(2024, 2, 1) + timedelta(days=k) for k in range(300)]
+    times = {
+        "moments": moments, "times of day": [moment.time() for moment in moments], "days": days,
+        "texts": [moment.isoformat() for moment in moments], "texts of day": [f"{m:%H:%M:%S.%f}" for m in moments],
+    }[kind]  # fmt: skip
+    polars.DataFrame({"when": times, "drive": DRIVE}).write_parquet(tmp_path / "a.parquet")
+    file = open_log(tmp_path / "a.parquet")
+    expected = 86400.0 * np.arange(300) if kind == "days" else TIME
+    np.testing.assert_allclose(file.read(["when"])["when"], expected, atol=1e-9)
+    assert file.columns["when"].unit == "s"
 
 
 def odd_npz(path: Path) -> None:

@@ -228,6 +228,8 @@ def test_a_file_larger_than_the_memory_is_refused_before_it_is_read(imported, tm
         ("sensor A", "", ["sensor", "a"]),
         ("voltage_m1", "", ["voltage", "m", "1"]),
         ("n/(1/min)", "1/min", ["n"]),
+        ("speed (measured)", "", ["speed"]),
+        ("x[0]", "", ["x"]),
         ("/imu/m", "", ["m"]),
         ("level_min", "", ["level", "min"]),
         ("omega_deg_s", "deg/s", ["omega"]),
