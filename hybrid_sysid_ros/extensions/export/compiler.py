@@ -78,7 +78,10 @@ def compile_source(command: list[str], what: str, folder: Path | None = None, by
     done = run(command, what, folder)
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line] or ["it says nothing"]
-        raise UserError(f"{what}: {by or command[0]} does not compile it: {lines[0].strip()}; report this")
+        raise UserError(
+            f"{what}: {by or command[0]} does not compile it: {lines[0].strip()}; give "
+            "another compiler (CC), or report this"
+        )
 
 
 def _last_line(text: str) -> str:
