@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,11 +14,15 @@ from hybrid_sysid_ros.extensions.experiment_design.cells import Cells
 from hybrid_sysid_ros.extensions.experiment_design.information import Fisher, Knowledge
 from hybrid_sysid_ros.extensions.experiment_design.search import Bench, exchanged
 from hybrid_sysid_ros.extensions.experiment_design.segments import PlanSegment
+from hybrid_sysid_ros.extensions.experiment_design.trial_fits import are_needed, worst_error
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+
+SEARCHES = 3
+"""Of plans among which trial fits choose; each has half of the usual trials."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,7 +84,19 @@ def designed(
             return -float(cells.new(system, inputs))
         return worst_of(knowledge, fisher.information(system, inputs), wanted)
 
-    plan = exchanged(bench, criterion, seed=seed, progress=progress)
+    chosen = cells is None and are_needed(model.system, rig) and len(bench.systems) > 1
+    count, trials = (SEARCHES, bench.trials // 2) if chosen else (1, bench.trials)
+    plans = [
+        exchanged(
+            bench, criterion, seed=count * seed + number, trials=trials,
+            progress=partial(_progressed, progress, number * trials, count * trials),
+        )
+        for number in range(count)
+    ]  # fmt: skip
+    plan = plans[0]
+    if chosen:
+        plans.append(exchanged(bench, criterion, seed=seed, trials=0))
+        plan = min(plans, key=lambda item: worst_error(bench, bench.driving(item), wanted))
     driving = bench.driving(plan)
     inputs, outputs = bench.run(bench.systems[0], driving)
     return Design(
@@ -87,6 +104,11 @@ def designed(
         before=knowledge.deviations(), after=expected(bench, fisher, knowledge, driving),
         visits=None if cells is None else (len(cells.visited), cells.new(bench.systems[0], inputs), cells.total),
     )  # fmt: skip
+
+
+def _progressed(progress: Callable[[int, int], None], before: int, most: int, done: int) -> None:
+    """Report a search's trials as part of those of all searches."""
+    progress(before + done, most)
 
 
 def worst_of(knowledge: Knowledge, information: Array, wanted: Sequence[int]) -> float:

@@ -204,7 +204,12 @@ def by_secants(system: System, rig: Rig) -> bool:
     has corners of dry friction, at which a derivative misses what a fit finds. In a loop the inputs of a plan are those
     of one model alone, and a search finds secants that no record bears out; derivatives for several models hold.
     """
-    return not rig.experiments.loops and any(not contact.hidden for contact in system.contacts)
+    return has_corners(system) and not rig.experiments.loops
+
+
+def has_corners(system: System) -> bool:
+    """Whether a law has corners of dry friction, where it is decided that a motion ends."""
+    return any(not contact.hidden for contact in system.contacts)
 
 
 def run_of(system: System, samples: int) -> tuple[NDArray[np.int64], Array]:

@@ -110,6 +110,11 @@ class Bench:
         return round(self.seconds / self.sampling.period) * self.sampling.every
 
     @property
+    def trials(self) -> int:
+        """Of a search."""
+        return int(np.clip(STEPS / self.steps, FEWEST, MOST))
+
+    @property
     def spans(self) -> tuple[Array, Array]:
         """Middle and half of what each input, or its loop's reference, may do, (inputs,) each, in SI."""
         ends = np.array(self.rig.limits).T.copy()
@@ -211,19 +216,20 @@ def exchanged(
     criterion: DesignCriterion,
     *,
     seed: int,
-    progress: Callable[[int, int], None] = lambda done, most: None,
+    trials: int,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> list[list[PlanSegment]]:
     """Segments of each input, from the coordinate-exchange algorithm of Meyer & Nachtsheim (1995), Technometrics 37(1):
     one segment after another is exchanged for another one that makes the criterion smaller, over and over, beginning
     with the best of rest and the rig's own experiments; from the second round on half of the trials are near the
-    segment in place.
+    segment in place. progress: is given the trials that are done.
 
     Raises UserError where even an experiment at rest leaves the limits, and where nothing is feasible.
     """
     count, random = bench.count, np.random.default_rng(seed)
     library = SegmentLibrary(length=bench.length, fastest=bench.fastest, random=random)
     plan = [[REST] * count for _ in bench.rig.actuators]
-    least, budget = _value(bench, criterion, plan), int(np.clip(STEPS / bench.steps, FEWEST, MOST))
+    least = _value(bench, criterion, plan)
     if least is None:
         raise UserError(f"{bench.rig.name} leaves its travel in the model's simulation at rest; design a shorter one")
     for own in own_plans(bench):
@@ -231,7 +237,7 @@ def exchanged(
         if value is not None:
             plan, least = own, value
     done, round_number = 0, 0
-    while done < budget:
+    while done < trials:
         for place in random.permutation(count * len(plan)).tolist():
             row, at = divmod(place, count)
             for _ in range(TRIED):
@@ -242,8 +248,8 @@ def exchanged(
                 if value is not None:
                     plan, least = trial, value
             done += TRIED
-            progress(min(done, budget), budget)
-            if done >= budget:
+            progress(min(done, trials))
+            if done >= trials:
                 break
         round_number += 1
     return plan
