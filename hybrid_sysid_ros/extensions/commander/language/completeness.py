@@ -39,7 +39,7 @@ def _asks_for_something(clause: Clause, vocabulary: Vocabulary, files: Files) ->
     lasts = [item.base for item in clause.quantities] == [TIME]
     if "halt" in verbs or clause == Clause(paces=clause.paces) or (lasts and verbs & {"hold", "follow", "repeat"}):
         return True
-    if not verbs and any(item.role in ("", "at", "to") for item in clause.quantities):
+    if not verbs and any(item.role in ("", "at", "to", "by") for item in clause.quantities):
         clause.verbs.append(GO)
     Meaning(clause, vocabulary, files, behind=not verbs & {"repeat"}).command()
     return True

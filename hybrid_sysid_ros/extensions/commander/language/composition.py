@@ -129,7 +129,8 @@ class Composition:
         twice = [share for share in clause.shares if not share.role and not share.of and share.factor > 1.0]
         counted = [*twice, *(item for item in clause.quantities if item.base == COUNT)]
         said = [*clause.quantities, *clause.shares]
-        if len(counted) != 1 or said != counted or set(clause.said) - {"repeat"}:
+        rest = replace(clause, verbs=[], quantities=[], shares=[])
+        if len(counted) != 1 or said != counted or set(clause.said) - {"repeat"} or not rest.empty:
             return 0
         whole = replace(clause, verbs=[Symbol("V", "repeat", "repeat")])
         made = Meaning(whole, self.vocabulary, self.files).command()

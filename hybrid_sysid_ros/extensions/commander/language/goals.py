@@ -142,7 +142,7 @@ class Goals(Values):
         if relative and sign and item.value < 0.0:
             raise UserError(f"{item.text}: a direction and a sign contradict one another: leave one out")
         value = (sign or 1.0 if relative else 1.0) * self.value(item, output, relative)
-        if self.clause.from_home and relative:
+        if self.clause.from_home:
             self.clause.from_home = ""
             return Goal(output=output, value=value)  # "20 degrees to the left of straight ahead"
         return self.turned(Goal(output=output, value=value, relative=relative, toward=sign), sign)

@@ -106,6 +106,8 @@ class Lexicon:
         for category, sign in {"up": 1.0, "down": -1.0}.items():
             self._enter(found, category, (("U", sign),))
         self._enter(found, "more", (("+", 1.0),))
+        for category, sign in {"above_home": 1.0, "below_home": -1.0}.items():
+            self._enter(found, category, (("U", sign), ("F", "from"), ("u", "home")))
         for category, sign in {"faster": 1.0, "slower": -1.0}.items():
             self._enter(found, category, (("M", sign),))
         for category, sign in {"bigger": 1.0, "smaller": -1.0}.items():

@@ -177,9 +177,15 @@ class Notes:
         self.made.verbs += [symbol for symbol in found.part if symbol.kind == "V"]
 
     def _note_direction(self, found: FilledSlot) -> None:
-        """Raise UserError for one behind a place, as in "go to 2 m more"."""
-        if self.made.quantities and self.made.quantities[-1].role == "to":
-            said = f"{self.made.quantities[-1].text} {found.text}"
+        """A side behind a place is of it, as in "to 20 degrees right". Raises UserError for "go to 2 m more"."""
+        last = self.made.quantities[-1] if self.made.quantities else None
+        ahead = self.part[self.part.index(found.part[-1]) + 1 :][:2]
+        sided = found.part[-1].text in self.vocabulary.sides or [symbol.kind for symbol in ahead] == ["F", "u"]
+        if last is not None and last.role == "to" and sided and last.value > 0.0:
+            self.made.quantities[-1] = replace(last, value=last.value * found.part[-1].value)
+            return
+        if last is not None and last.role == "to":
+            said = f"{last.text} {found.text}"
             raise UserError(f"{said!r}: to that value, or by it? say 'to' or 'by', and leave out {found.text!r}")
         way = next(symbol for symbol in found.part if symbol.kind in "U+")
         self.made.directions = [*(each for each in self.made.directions if each.kind == "U"), way]
@@ -240,6 +246,8 @@ class Notes:
     def _note_share(self, found: FilledSlot) -> None:
         """A factor, or a percentage."""
         factor = next((symbol.value for symbol in found.part if symbol.kind == "S"), None)
+        if factor is not None and factor < 1.0 and self.part[self.part.index(found.part[0]) - 1].kind == "+":
+            raise UserError(f"another {found.text} of what? say how much, with its unit")
         value, unit = found.quantities[0] if found.quantities else (0.0, None)
         if factor is None and unit is not None and unit.base == COUNT and "N" in found.letters:
             factor = value  # "five times its present speed"
@@ -269,6 +277,9 @@ class Notes:
         if self.made.sense is not None:
             raise IncompleteError(f"{self.made.sense.text} and {found.text} contradict one another: leave one out")
         self.made.sense = found.part[0]
+
+    def _note_around_home(self, found: FilledSlot) -> None:
+        self._note_value(found._replace(slot="around", quantities=[(0.0, None)]))
 
     def _note_from_home(self, found: FilledSlot) -> None:
         self.made.from_home = found.text

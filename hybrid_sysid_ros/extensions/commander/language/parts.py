@@ -125,15 +125,6 @@ def in_order(parts: Sequence[list[Symbol]]) -> list[list[Symbol]]:
     ]  # fmt: skip
 
 
-def without_commas(part: Sequence[Symbol]) -> list[Symbol]:
-    """A part without its commas, but for one that says to which of two values a swing's noun belongs: "20 s, period
-    4 s", "4 s period, 20 s".
-    """
-    letters = "".join(symbol.kind for symbol in part)
-    parts_nouns = {match.end() - 1 for match in re.finditer("Q[akfq],(?=Q)|Q,(?=[akfq])", letters)}
-    return [symbol for k, symbol in enumerate(part) if symbol.kind != "," or k in parts_nouns]
-
-
 def is_count(symbol: Symbol) -> bool:
     """Whether a quantity says how many times."""
     if symbol.kind == "S":

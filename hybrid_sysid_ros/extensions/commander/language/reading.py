@@ -9,7 +9,7 @@ from itertools import pairwise
 from hybrid_sysid_ros.extensions.commander.language.clauses import IncompleteError
 from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.lexicon import Symbol
-from hybrid_sysid_ros.extensions.commander.language.parts import Boundary, boundaries, without_commas
+from hybrid_sysid_ros.extensions.commander.language.parts import Boundary, boundaries
 from hybrid_sysid_ros.support.errors import UserError
 
 MOST_READINGS = 20
@@ -31,7 +31,7 @@ def read_by(
     refusal: UserError | None = None
     best: tuple[float, Sentence, Sequence[Sequence[Symbol]]] | None = None
     for cost, parts in _readings(found, complete):
-        if best is not None and cost > best[0]:
+        if refusal is not None and cost >= OPEN or (best is not None and cost > best[0]):
             break
         try:
             made = sentence(parts)
@@ -64,7 +64,7 @@ def _readings(
         kept = 0.0
         for last in range(first + 1, len(places)):
             part = found[places[first].begin : places[last].end]
-            costs[first, last] = kept + places[last].cut + OPEN * (bool(part) and not complete(without_commas(part)))
+            costs[first, last] = kept + places[last].cut + OPEN * (bool(part) and not complete(part))
             kept += places[last].keep
             if kept == float("inf"):
                 break
@@ -82,4 +82,4 @@ def _readings(
         if not queue:
             return
         cost, way = heappop(queue)
-        yield cost, [without_commas(found[places[a].begin : places[b].end]) for a, b in pairwise(way)]
+        yield cost, [found[places[a].begin : places[b].end] for a, b in pairwise(way)]

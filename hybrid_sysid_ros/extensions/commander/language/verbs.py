@@ -55,9 +55,7 @@ class Verbs(Adjustments):
             found = ["go"]  # "reset the height to 10 m"
         if found == ["repeat"] and AGAIN.match(clause.verbs[0].text) and any(map(self._is_place, self.left)):
             found = ["go"]  # "forward again at 1 m/s"
-        spoken = self.vocabulary.spoken
-        ways = {word for words in spoken.values() for word, name in words.items() if name[0] in "+-"}
-        turned = any(way.text in ways for way in clause.directions)
+        turned = any(way.text in self.vocabulary.sides for way in clause.directions)
         if found == ["swing"] and turned and len(self.left) == 1 and self._is_place(self.left[0]):
             found = ["go"]  # "swing it 15 degrees to the left"
         if found == ["step", "back"]:

@@ -131,6 +131,11 @@ class Vocabulary:
         count = language.longest(self.phrases, said)
         return (count, self.phrases[tuple(said[:count])]) if count else None
 
+    @cached_property
+    def sides(self) -> frozenset[str]:
+        """Words for a direction of an output, as "left" of a yaw."""
+        return frozenset(word for words in self.spoken.values() for word, name in words.items() if name[0] in "+-")
+
     def way(self, word: str, language: Lexicon) -> tuple[Symbol, Symbol] | None:
         """A direction, and the output of which it is, where the rig has a word for it, as "left" of a yaw."""
         name = self.spoken[language.name].get(word, "")

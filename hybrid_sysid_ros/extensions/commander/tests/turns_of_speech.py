@@ -173,7 +173,7 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (WHEEL, "hold 20", Refused("'20 rpm' or 'for 20 s'")),
     (WHEEL, "go 100", Refused("100 of what")),
     (WHEEL, "turn it ten", Refused("10 of what")),
-    (WHEEL, "go to 100 in 5", Refused("in 5 of what")),
+    (WHEEL, "go to 100 in 5", [go(100, seconds=5)]),
     (WHEEL, "swing between 5 and 10 at 2", Refused("how often")),
     (CONE, "go to 50", Refused("which output")),
     (DRILL, "drill 5 holes", Refused("holes")),
