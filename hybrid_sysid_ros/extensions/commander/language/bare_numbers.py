@@ -64,7 +64,7 @@ class BareNumbers:
             self.output = symbol.value if symbol.value in self.moving else None
         elif symbol.kind == "K":
             self.output = self.only(self.vocabulary.of_kind(symbol.value)) if symbol.value != "value" else self.output
-        elif symbol.kind in "Ud" and symbol.text.rpartition(" ")[2] in self.lexicon.plain_ways:
+        elif symbol.kind == "d" or (symbol.kind == "U" and symbol.text.rpartition(" ")[2] in self.lexicon.plain_ways):
             moved = self.only(self.vocabulary.of_kind("height" if symbol.kind == "U" else "speed"))
             if moved is not None and (symbol.kind == "d" or (self.output is None and self.beyond_others(k, moved))):
                 self.output = moved
@@ -157,7 +157,7 @@ class BareNumbers:
             return False
         if before.endswith("W"):
             return not verbs & SWUNG and "Q" not in before[max(before.rfind("V"), before.rfind(",")) + 1 :]
-        if before.endswith("V"):
+        if before.endswith("V") and not re.match("R", after):  # "leave it running at 3 for a minute"
             return not verbs & TIMELESS and (
                 before[-2:-1] != "y" or re.match("[UMd]", after) is not None or self.place() or self.said(k) is not None
             )

@@ -82,7 +82,7 @@ def carried(commands: Sequence[Command], before: Sequence[Clause]) -> list[Symbo
 
 def held_each(commands: Sequence[Command], each: Quantity, seconds: float) -> list[Command]:
     """Moves with as long a hold each. Raises UserError where there are not several, or one has its own."""
-    moves = [command for command in commands if isinstance(command, Move) and not command.hold]
+    moves = [command for command in commands if isinstance(command, Move | Home) and not command.hold]
     if len(moves) < max(2, len(commands)) or each.base != TIME:
         raise IncompleteError(f"{each.text!r} of what? say 'for 2 s' behind each value")
     return [replace(move, hold=seconds) for move in moves]

@@ -27,7 +27,7 @@ ROLES = {
     "here": "H", "in_or_to": "i", "for_or_by": "r", "bit": "b", "much": "m", "present": "N", "range": "X",
     "highest": "x", "lowest": "x", "smoothly": "c", "want": "w", "to_or_at": "T", "forwards": "d", "backwards": "d",
     "as_fast": "g", "as_slow": "g", "former": "P", "no_faster": "<", "all": "l", "increment": "s", "together": "t",
-    "back_to": "T",
+    "back_to": "T", "long": "v",
 }  # fmt: skip
 """Letters by which the grammar's patterns know them."""
 NOUNS = {
@@ -106,6 +106,7 @@ class Lexicon:
         for category, sign in {"up": 1.0, "down": -1.0}.items():
             self._enter(found, category, (("U", sign),))
         self._enter(found, "more", (("+", 1.0),))
+        self._enter(found, "from_home", (("F", "from"), ("u", "home")))
         for category, sign in {"above_home": 1.0, "below_home": -1.0}.items():
             self._enter(found, category, (("U", sign), ("F", "from"), ("u", "home")))
         for category, sign in {"faster": 1.0, "slower": -1.0}.items():

@@ -282,7 +282,11 @@ class Notes:
         self._note_value(found._replace(slot="around", quantities=[(0.0, None)]))
 
     def _note_from_home(self, found: FilledSlot) -> None:
-        self.made.from_home = found.text
+        """Where a change is counted from, or where to go where this is all: "start from level"."""
+        if len(found.part) == len([symbol for symbol in self.part if symbol.kind != ","]):
+            self._note_home_place(found)
+        else:
+            self.made.from_home = found.text
 
     def _note_displacing(self, found: FilledSlot) -> None:
         if not self.made.quantities:  # "2 m, ramped over 5 s" leaves nothing open

@@ -41,7 +41,7 @@ _LETTERS: Sequence[
     ("to", "TQ(?:o?[KO])?"),
     ("often", "QeQ"),
     ("by", "YA?Q(?:o?[KO])?"),
-    ("for", "RA?Q"),
+    ("for", "RA?Q|Qv"),
     ("in", "IA?Q"),
     ("in_or_to", "iQ"),
     ("for_or_by", "rQ"),

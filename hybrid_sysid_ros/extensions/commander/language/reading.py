@@ -31,7 +31,7 @@ def read_by(
     refusal: UserError | None = None
     best: tuple[float, Sentence, Sequence[Sequence[Symbol]]] | None = None
     for cost, parts in _readings(found, complete):
-        if refusal is not None and cost >= OPEN or (best is not None and cost > best[0]):
+        if (refusal is not None and cost >= OPEN) or (best is not None and cost > best[0]):
             break
         try:
             made = sentence(parts)

@@ -282,6 +282,8 @@ class _Reader(CorrectionReader):
 
     def _in_time(self, skip: int) -> bool:
         """Whether a time follows, as in "to a stop in 5 s"."""
+        marked = [token.text for token in self.tokens[self.at + skip :][:1]] == [","]
+        skip += marked
         count = self.longest(self.lexicon.meanings, skip=skip)
         said = self.lexicon.meanings.get(tuple(self.words[self.at + skip :][:count]), ())
         return bool(said) and said[0][0] in "ILiRr" and self._number_follows(skip + count)

@@ -70,8 +70,8 @@ class Verbs(Adjustments):
             found = ["ramp"]  # "sweep from 1 to 2 m in 5 s"
         if set(found) & SPECIFIC:
             found = [verb for verb in found if verb not in general]
-        if "chirp" in found and "swing" in found:  # "sweep sinusoidally"
-            found.remove("swing")
+        if "swing" in found and {"chirp", "square", "triangle", "toggle"} & {*found}:
+            found.remove("swing")  # "sweep sinusoidally", "back and forth, square wave"
         if found in (["go", "step"], ["step", "go"], ["go", "ramp"], ["ramp", "go"]):
             found.remove("go")
         changes = clause.comparatives or (clause.nouns and clause.shares)
