@@ -53,7 +53,7 @@ WAY_IN = re.compile(
 """By which a refusal says what to write instead."""
 LISTS = (
     "sentences", "kept_sentences", "strangers", "later_strangers", "fresh_strangers", "plain_strangers",
-    "plainer_strangers",
+    "plainer_strangers", "newest_strangers",
 )  # fmt: skip
 DONE, CLEAR, STOPPED = 0.85, 0.90, 1.0
 """Asked: sensible sentences that are done, refusals that name the way in, stops that stop."""

@@ -12,7 +12,7 @@ from hybrid_sysid_ros.extensions.commander.language.parts import SWUNG
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs.units import FREQUENCY, TIME, Unit
 
-NO_VALUE_AFTER = re.compile(r"(?:[RrLDeE#<Ii]A?|[fq]o?[TYW]?|Qe)$")
+NO_VALUE_AFTER = re.compile(r"(?:[RrLDe#<Ii]A?|[fq]o?[TYW]?|Qe)$")
 """Letters before a number that could be a time, a count or a frequency."""
 TIMED = re.compile("[RrL]A?$")
 """Letters before what can only be a time, where one was said before: "for 8 s, ... for another 8"."""

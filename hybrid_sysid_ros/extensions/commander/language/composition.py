@@ -45,6 +45,7 @@ from hybrid_sysid_ros.support.errors import UserError
 SWUNG = ("amplitude", "peak_to_peak", "frequency", "period")
 STAYS = re.compile(r"(?:stay|remain|permane|fique|fica)")
 """Verbs of holding that leave a value where it is."""
+BACK = re.compile(r"(?:back|de volta|volta)\b")
 FIRST = re.compile(r"\b(?:first|primeiro)\b", re.IGNORECASE)
 RUNS = re.compile(r"\b(?:run|running|go|going|rodar|rodando)\b")
 """In a verb of holding, that what moves goes on."""
@@ -141,7 +142,8 @@ class Composition:
         of a list then, of which nobody says how long each lasts.
         """
         clause, before = self.found[k], self.found[:k]
-        led = clause.directions or clause.sense or {item.role for item in clause.quantities} & {"to", "in", "within"}
+        led = clause.directions or clause.sense or {item.role for item in clause.quantities} & {"in", "within"}
+        led = led or any(item.role == "to" and BACK.match(item.text) for item in clause.quantities)
         bare = set(clause.said) <= {"hold"} and not led
         if not clause.verbs and any(self.is_bare(item, clause, first=not k) for item in clause.quantities):
             carry = carried(self.commands, before)

@@ -299,7 +299,10 @@ class Notes:
         """It says nothing by itself."""
 
     def _note_from_here(self, found: FilledSlot) -> None:
-        """Every motion begins where the rig is."""
+        """Every motion begins where the rig is, and a value before it is a change, as in "-35 rpm from where it is"."""
+        if self.made.quantities and self.made.quantities[-1].role == "":
+            self.made.quantities[-1] = replace(self.made.quantities[-1], role="by")
+            self.made.verbs = self.made.verbs or [Symbol("V", "go", found.text)]
 
     _note_between = _note_range = _note_span = _note_ends
     _note_amplitude = _note_frequency = _note_period = _note_of_swing

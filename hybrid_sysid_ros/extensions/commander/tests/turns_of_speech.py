@@ -77,6 +77,9 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (CONE, "desce 150 m em relação ao voo nivelado", [go(-150, "height")]),
     (BEAM, "up half a volt, then up another half", Refused("of what")),
     (WHEEL, "100 rpm for a second, nothing for a second, five times", Refused("nothing")),
+    (WHEEL, "minus 35 rpm from where it is now", [by(-35)]),
+    (WHEEL, "minus 35 rpm from what it's doing now", [by(-35)]),
+    (BEAM, "if the beam gets past 3 V, bring it back to 0; the target's 4", Refused("")),
     # Ends of the range.
     (BEAM, "all the way down", [go(-8)]),
     (BEAM, "vá até o topo", [go(8)]),
