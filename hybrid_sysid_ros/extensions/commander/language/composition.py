@@ -143,8 +143,8 @@ class Composition:
         """
         clause, before = self.found[k], self.found[:k]
         led = clause.directions or clause.sense or {item.role for item in clause.quantities} & {"in", "within"}
-        led = led or any(item.role == "to" and BACK.match(item.text) for item in clause.quantities)
-        bare = set(clause.said) <= {"hold"} and not led
+        back = any(item.role == "to" and BACK.match(item.text) for item in clause.quantities)
+        bare = set(clause.said) <= {"hold"} and not (led or back)
         if not clause.verbs and any(self.is_bare(item, clause, first=not k) for item in clause.quantities):
             carry = carried(self.commands, before)
             clause.verbs += [verb for verb in carry if verb.value != "hold" or not clause.directions]

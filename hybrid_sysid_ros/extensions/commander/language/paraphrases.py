@@ -19,7 +19,6 @@ AMOUNT = (
 ABOUT = r"(?:roughly|approximately|approx|about|around|cerca\s+de|aproximadamente|un[sa]s|coisa\s+de)"
 SECONDS = r"(?:s|secs?|seconds?|mins?|minutes?|segundos?|minutos?)\b"
 PHRASES = (
-    (re.compile(r"[:;]-?[()]+"), " "),
     (re.compile(r"(?:^|(?<=[;:.,]))\s*\(\d\)\s*"), " "),
     (re.compile(r"[()\[\]]"), ", "),
     (re.compile(r"\br\.\s?p\.\s?m\b\.?", re.I), "rpm"),
@@ -34,7 +33,6 @@ PHRASES = (
         re.compile(r"\b[x\u00d7]\s?(\d+)\b|\b(\d+)\s?[x\u00d7](?!\w)", re.I),
         lambda match: f"{match[1] or match[2]} times",
     ),
-    (re.compile(r"\bpr([ao]s?)\b", re.I), lambda match: "para" if match[1].lower() == "a" else f"para {match[1]}"),
     (re.compile(r"\bt(á|ava)\b", re.I), r"est\1"),
     (re.compile(r",\s*like\s+(?=(?:\d|half|one|two|three|four|five|ten|twenty)\b)", re.I), ", "),
     (re.compile(rf"\b{ABOUT}\s+(?=(?:[\d.,]+|(?:[^\W\d_]+[\s-]){{1,2}}?)\s*{SECONDS})", re.I), ""),
@@ -48,7 +46,6 @@ PHRASES = (
     (re.compile(r"(?<=\d)½"), ".5"),
     (re.compile(r"½"), "0.5"),
     (re.compile(r"\.{3,}|\.{2}(?=\s|$)"), ", "),
-    (re.compile(r"\b(?:times?\s+(?:a|per|every)\s+sec(?:ond)?|vez(?:es)?\s+por\s+segundo)\b", re.I), " Hz "),
     (
         re.compile(r"\b(?:(once)|twice)\s+(?:a|per|every)\s+sec(?:ond)?\b", re.I),
         lambda match: f" at {2 - bool(match[1])} Hz ",
