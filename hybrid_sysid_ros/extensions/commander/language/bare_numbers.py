@@ -93,9 +93,9 @@ class BareNumbers:
         if verb == "wait" or (WAITS_FOR.search(self.letters[:k]) and before[0].value in STAYS):
             return True
         begin = self.letters.rfind(";", 0, k) + 1
-        begun = self.letters[begin:k]
-        over = verb in ("over", "within") and re.search("TO?Q", begun) is not None
-        if re.search("T[KO]?Q.*I$|[VUO].*TQi$", begun) and not re.match("[qfo]", self.letters[k + 1 :]):
+        said = self.letters[begin:k]
+        over = verb in ("over", "within") and re.search("TO?Q", said) is not None
+        if re.search("T[KO]?Q.*I$|[VUO].*TQi$", said) and not re.match("[qfo]", self.letters[k + 1 :]):
             return True  # "to 30 rpm in 5"
         more = verb in STAYS and self.found[k].text.partition(" ")[0] in self.lexicon.table["signs"]
         return self.time is not None and (over or more)

@@ -146,7 +146,7 @@ class Composition:
         back = any(item.role == "to" and BACK.match(item.text) for item in clause.quantities)
         bare = set(clause.said) <= {"hold"} and not (led or back)
         if not clause.verbs and any(self.is_bare(item, clause, first=not k) for item in clause.quantities):
-            carry = carried(self.commands, before)
+            carry = carried(self.commands, before, then=clause.then)
             clause.verbs += [verb for verb in carry if verb.value != "hold" or not clause.directions]
         if [way.kind for way in clause.directions] == ["+"]:
             clause.directions = same_way(clause, self.commands, self.vocabulary)  # "down 1 m, then another metre"

@@ -13,6 +13,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Move,
     Repeat,
     Sentence,
+    Swing,
     Undo,
     Wait,
 )
@@ -68,12 +69,14 @@ def repeated(before: list[Command], made: Command, times: int, *, joined: bool) 
     return [*before, made] * times
 
 
-def carried(commands: Sequence[Command], before: Sequence[Clause]) -> list[Symbol]:
-    """The verbs of a part that count for the next one, too, as in "hold 1 m, then 2 m". After "up 1 m" the next value
-    could be a change or a place, so there is none.
+def carried(commands: Sequence[Command], before: Sequence[Clause], *, then: bool) -> list[Symbol]:
+    """The verbs of a part that count for the next one, too, as in "hold 1 V, then 2 V". After "up 1 m" the next value
+    could be a change or a place, so there is none; behind a swing and a "then" it is a place.
     """
     done = [command for command in commands if not isinstance(command, Wait)]
     last = done[-1] if done else None
+    if then and isinstance(last, Swing):
+        return [Symbol("V", "go", "go")]
     if last and not (isinstance(last, Move) and not any(goal.relative or goal.share for goal in last.goals)):
         return []
     carried = [symbol for symbol in before[-1].verbs if symbol.value in CARRIED] if before else []
@@ -161,10 +164,11 @@ def same_way(clause: Clause, commands: Sequence[Command], vocabulary: Vocabulary
     another output alone.
     """
     (more,) = clause.directions
-    changes = [goal for last in commands if isinstance(last, Move) for goal in last.goals if goal.relative]
+    goals = [goal for last in commands if isinstance(last, Move) for goal in last.goals]
+    changes = [goal for goal in goals if goal.relative]
     values = Values(clause, vocabulary)
     outputs = {*clause.targets, *map(values.measured, clause.quantities)} - {None}
     ways = {goal.toward for goal in changes if goal.output in outputs or not outputs} - {0.0}
-    if len(ways) > 1 or (not ways and any(goal.toward < 0.0 for goal in changes)):
+    if len(ways) > 1 or (not ways and any(goal.toward < 0.0 for goal in goals)):
         raise UserError(f"{more.text!r}: up, or down? say which")
     return [Symbol("U", ways.pop(), more.text)] if ways else [more]

@@ -44,13 +44,13 @@ def boundaries(found: Sequence[Symbol]) -> list[Boundary]:
             held = 1.5 * bool(re.search("[Rr]Q$", letters[:k]))
             made.append(Boundary(k, k + 1, 0.0, 2.0) if begins else Boundary(k, k + 1, 1.0, held))
         elif (symbol.kind in "DZz" and before not in ",j;") or before == "Z":
-            made.append(Boundary(k, k, 1.5, 2.0 * bool(re.match("DQ[Vyu]", letters[k:]))))
+            made.append(Boundary(k, k, 1.5, 2.0 * bool(re.match("(?:DQ|z[KO]?T?Q)[VyuOKUTdQ]", letters[k:]))))
         elif before not in ",j;y" and (symbol.value == "wait" or (before in "QHe" and symbol.kind in "Vyu")):
             turns = letters[k : k + 2] == "VS"  # "25 rpm the other way"
             if (
                 symbol.value not in ("repeat", "halt")
                 and not turns
-                and not re.search("(?:D|[,j;][IiL])Q$", letters[:k])
+                and not re.search("(?:D|z[KO]?T?|[,j;][IiL])Q$", letters[:k])
             ):
                 made.append(Boundary(k, k, 1.5, 2.0))
     return made

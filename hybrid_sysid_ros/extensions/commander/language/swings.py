@@ -145,7 +145,9 @@ class SwingMeaning:
             values.left = [item for item in values.left if item not in bare]  # "two degrees up and two down"
             values.clause.directions = []
             return self.about(replace(bare[0], role="plus_minus"), None)
-        ends = bare if not ends and len(bare) == 2 else ends  # "square wave, 0 and 3 m"
+        places = [values.clause.quantities.index(item) for item in bare if item in values.clause.quantities]
+        side_by_side = len(places) == 2 and places[1] - places[0] == 1
+        ends = bare if not ends and side_by_side else ends  # "square wave, 0 and 3 m"
         if values.clause.whole_range and not ends and not bare:
             return self.over_all()
         centre, span = values.one("around"), None

@@ -80,6 +80,9 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (WHEEL, "minus 35 rpm from where it is now", [by(-35)]),
     (WHEEL, "minus 35 rpm from what it's doing now", [by(-35)]),
     (BEAM, "if the beam gets past 3 V, bring it back to 0; the target's 4", Refused("")),
+    (CONE, "raise the height by 100 m after 5 s speed up by 10 m/s", [by(100, "height"), wait(5), by(10, "speed")]),
+    (CONE, "descend to 100 m then 50 more", Refused("up, or down")),
+    (BEAM, "square wave of 1 V, period 4 s, 20 s, then 0", [square(-1, 1, 0.25, 20), go(0)]),
     # Ends of the range.
     (BEAM, "all the way down", [go(-8)]),
     (BEAM, "vá até o topo", [go(8)]),
