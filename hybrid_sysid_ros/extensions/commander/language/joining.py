@@ -70,7 +70,7 @@ def repeated(before: list[Command], made: Command, times: int, *, joined: bool) 
 
 
 def carried(commands: Sequence[Command], before: Sequence[Clause], *, then: bool) -> list[Symbol]:
-    """The verbs of a part that count for the next one, too, as in "hold 1 V, then 2 V". After "up 1 m" the next value
+    """The verbs of a part that count for the next one, too, as in "hold 1 m, then 2 m". After "up 1 m" the next value
     could be a change or a place, so there is none; behind a swing and a "then" it is a place.
     """
     done = [command for command in commands if not isinstance(command, Wait)]
