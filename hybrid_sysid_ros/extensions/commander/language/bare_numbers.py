@@ -1,5 +1,5 @@
-"""Bare numbers: a number without a unit in the place of a value has the unit that was said of its output, or else the
-only one in which the rig's file shows it.
+"""Bare numbers: a number without a unit in the place of a value has the unit that was said of its output, or else
+the one in which the rig's file shows it, which the reply says before anything moves.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class BareNumbers:
         """That of a bare number: what was said of the output last, or is next, or else what it is shown in."""
         if self.output is None:
             return None
-        return self.said(k) or self.vocabulary.only_unit(self.output)
+        return self.said(k) or self.vocabulary.units_of(self.output)[0]
 
     def said(self, k: int) -> Unit | None:
         """The unit that is said of the output nearest before a place, or else behind it."""

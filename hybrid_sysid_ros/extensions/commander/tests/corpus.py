@@ -145,8 +145,8 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "plese hold 1 V", [go(1)]),
     # Units missing, wrong or contradictory.
     (BEAM, "hold 3", Refused("of what")),
-    (BEAM, "go to three", Refused("of what")),
-    (BEAM, "swing between -2 and 2 at 0.2 Hz", Refused("of what")),
+    (BEAM, "go to three", [go(3)]),
+    (BEAM, "swing between -2 and 2 at 0.2 Hz", [swing(-2, 2, 0.2, 50)]),
     (BEAM, "hold 3 seconds", Refused("time")),
     (BEAM, "hold 3 Hz", Refused("where")),
     (BEAM, "go to 3 m", Refused("position")),

@@ -44,7 +44,7 @@ PORTUGUESE: list[tuple[str, str, Any]] = [
     (BEAM, "volte para casa devagar", [{"do": "home", "pace": "slowly"}]),
     (BEAM, "por favor, vá para 1 V", [go(1)]),
     (BEAM, "vá para 1 V mantenha", [go(1), wait(0)]),
-    (BEAM, "vá para 3", Refused("of what")),
+    (BEAM, "vá para 3", [go(3)]),
     (BEAM, "vá para 30 V", Refused("reach")),
     (BEAM, "vá para 1.500 mV", Refused("1,500 or 1500")),
     (BEAM, "não vá para 3 V", Refused("commands say what to do")),
