@@ -77,6 +77,8 @@ class Composition:
                 continue
             if k + 1 < len(self.found) and not self.commands and (rounds := self.heads(k)):
                 return all_again(replace(self, found=self.found[1:], commands=[]).sentence(), rounds)
+            if len(self.found) == 1 and not clause.verbs and (rounds := self.rounds(clause)):
+                raise UserError(f"{rounds} times what? say 'repeat {rounds} times', or what to do so often")
             listed = self.takes_verb(k)
             dwelt = (k + 1 < len(self.found) or dwelt) and _dwells(clause)
             if clause.condition is not None or (clause.delay is not None and not self.commands):

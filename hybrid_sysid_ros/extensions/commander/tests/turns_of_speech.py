@@ -334,4 +334,7 @@ TURNS_OF_SPEECH: list[tuple[str, str, Any]] = [
     (ROBOT, "left 20, right 40, 3 s each", [by(20, "yaw", hold=3), by(-40, "yaw", hold=3)]),
     (CONE, "descend 100 m, then go another 50 m", [by(-100, "height"), by(-50, "height")]),
     (CONE, "reduce the speed by 5 m/s, then another 100 m", Refused("up, or down?")),
+    # How often alone repeats nothing, and "starting now" goes to no start.
+    (WHEEL, "ten of them", Refused("times what")),
+    (BEAM, "starting now, move up at 0.25 V/s till you get to 3 V", [go(3, rate=0.25)]),
 ]
