@@ -157,7 +157,8 @@ def memory_of(
     channels, hums = _channels(system, tuning, period)
     known = _known(system, tuning, hums)
     count, size = len(channels), len(known["start"])
-    keep = (2 + math.ceil((span + LONGEST_GAP) / min(period, step))) * (1 + len(tuning.channels))
+    longest = span + max(LONGEST_GAP, 1.5 * period)  # an interval without a measurement, all of whose steps are kept
+    keep = (2 + math.ceil(longest / min(period, step))) * (1 + len(tuning.channels))
     capacity, past = keep + SPARE, math.ceil((span + system.delay) / period) + 64
     windows = capacity if windowed else 0
     shapes: list[tuple[tuple[int, ...], str]] = [

@@ -66,6 +66,19 @@ def test_on_a_linear_model_it_is_the_textbook_filter(kind):
         np.testing.assert_allclose(estimate.covariance[:3, :3], textbook.p, rtol=1e-6, atol=1e-14)
 
 
+def test_measurements_seconds_apart_are_predicted_over_in_steps_of_the_model(kind):
+    period = 400 * PERIOD
+    ours = kind(LINEAR, QUIET, period=period)
+    first = ours.update(0.0, np.array([0.0]), np.zeros(1))
+    textbook = TextbookFilter(LINEAR, QUIET, np.zeros(3), first.covariance[:3, :3], PERIOD)
+    for k in range(1, 3):
+        for _ in range(400):
+            textbook.predict(3.0)
+        textbook.correct(0.02)
+        estimate = ours.update(k * period, np.array([0.02]), np.array([3.0]))
+        np.testing.assert_allclose(estimate.state, textbook.z[:2], rtol=1e-5, atol=1e-8)
+
+
 def test_a_gap_is_predicted_over_in_steps_of_the_model(kind):
     ours = kind(LINEAR, QUIET, period=PERIOD)
     first = ours.update(0.0, np.array([0.0]), np.zeros(1))
