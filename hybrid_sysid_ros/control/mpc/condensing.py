@@ -5,6 +5,8 @@ Bock & Plitt (1984), IFAC World Congress.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hybrid_sysid_ros.control.mpc.forms import condense_hessian, multiply
@@ -231,7 +233,9 @@ def factor(horizon: Horizon, program: Program, instance: Instance, i: int, k: in
 
 @inner
 def residual(program: Program) -> float:
-    """The KKT residual with the last multipliers: the largest entry of the Lagrangian's gradient."""
+    """The KKT residual with the last multipliers: the largest entry of the Lagrangian's gradient; infinite where one is
+    no number.
+    """
     v, rows = program.gradient.shape[0], pointer(program.rows)
     total, largest = np.empty(v), 0.0
     for c in range(v):
@@ -241,7 +245,7 @@ def residual(program: Program) -> float:
         for c in range(v if multiplier != 0.0 else 0):
             total[c] += rows[r * v + c] * multiplier
     for c in range(v):
-        largest = max(largest, abs(total[c]))
+        largest = max(largest, abs(total[c]) if math.isfinite(total[c]) else math.inf)
     return largest
 
 
