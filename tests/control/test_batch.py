@@ -1,5 +1,8 @@
 """Many calls of the exact MPC in compiled code are those of one controller, whatever the threads."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -94,3 +97,24 @@ def test_what_does_not_fit_is_refused(mpc, drawn):
     other = drawn[0]._replace(plant=load("wheel_motor").system)
     with pytest.raises(UserError, match="has other states, inputs or outputs than the MPC"):
         list(scenarios.run_many(mpc, [other]))
+
+
+ENDING = """
+import threading, time
+import numpy as np
+from hybrid_sysid_ros.control import ExactMpc
+from tests.control.beam_problem import PROBLEM
+from hybrid_sysid_ros.rigs.rig import load
+mpc = ExactMpc(load("cam_beam").system, PROBLEM)
+states = np.random.default_rng(0).normal(size=(200_000, 2)) * [0.02, 0.1]
+rows = np.hstack([states, np.zeros((len(states), 2 + PROBLEM.horizon))])
+mpc.solve_sequence(rows[:1], np.ones(1, bool))
+threading.Thread(target=mpc.solve_sequence, args=(rows, np.ones(len(rows), bool)), daemon=True).start()
+time.sleep(0.1)
+"""
+
+
+@pytest.mark.slow
+def test_a_process_may_end_while_a_thread_still_solves():
+    for _ in range(2):
+        subprocess.run([sys.executable, "-c", ENDING], check=True, timeout=120)

@@ -187,7 +187,7 @@ def quadratic_program(
         soft = quadratic, linear
     functions = _address("daqp_update_ldp"), _address("daqp_solve")
     program.addresses[:] = ctypes.addressof(problem), place, ctypes.addressof(result), *functions
-    weakref.finalize(workspace, _release, place)
+    weakref.finalize(workspace, _release, place).atexit = False  # a thread may still be solving then
     return program, (problem, workspace, result, soft)
 
 
