@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Controller, MpcSolution, assign_stages
+from hybrid_sysid_ros.control.controller import Controller, MpcSolution, OuterController
 from hybrid_sysid_ros.core.wrappers import Stabilised
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -14,7 +12,7 @@ ROUNDING = 1e-6
 """Rounding of times, in periods."""
 
 
-class Cascade:
+class Cascade(OuterController):
     """u = v - K x: a controller of the stabilised system gives v once in each of its periods, and the stabiliser
     answers every state.
 
@@ -25,24 +23,16 @@ class Cascade:
 
     def __init__(self, controller: Controller, system: Stabilised, limits: tuple[Array, Array]) -> None:
         """controller: that of the stabilised system. limits: lowest and highest value of each input of the rig (m,)."""
-        self.controller = controller
-        self.horizon, self.period = controller.horizon, controller.period
+        super().__init__(controller)
         self._gains = np.array(system.gains)
         self._low, self._high = limits
         self.reset()
-
-    def __repr__(self) -> str:
-        return f"Cascade({self.controller!r})"
 
     def reset(self) -> None:
         """Forget all past states and plans."""
         self.controller.reset()
         self._plan: MpcSolution | None = None
         self._age, self._fresh = 0.0, False
-
-    def assign(self, **values: Any) -> None:
-        """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.assign`."""
-        assign_stages(self.controller, values)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. The plan contains the stabiliser's part along

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
@@ -52,14 +51,6 @@ def held(previous: Array, problem: ControlProblem, status: Status) -> MpcSolutio
     return MpcSolution(last, np.tile(last, (problem.horizon, 1)), np.zeros((0, len(problem.state_low))), status)
 
 
-def assign_stages(controller: object, values: Mapping[str, Any]) -> None:
-    """Give parameters of the stages to a controller within another. Raises UserError for one that has none."""
-    assign = getattr(controller, "assign", None)
-    if assign is None:
-        raise UserError(f"mpc: {type(controller).__name__} has no stage parameters, but was given {', '.join(values)}")
-    assign(**values)
-
-
 class Controller(Protocol):
     """The interface of every controller. horizon: number of preview points. period: their distance [s]."""
 
@@ -85,3 +76,33 @@ class Controller(Protocol):
     def reset(self) -> None:
         """Forget the past."""
         ...
+
+
+class OuterController:
+    """Base of controllers around another one, which solves the problem."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.horizon, self.period = controller.horizon, controller.period
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.controller!r})"
+
+    @property
+    def problem(self) -> ControlProblem:
+        """What the controller within solves."""
+        return self._within("problem")  # type: ignore[no-any-return]
+
+    def assign(self, **values: Any) -> None:
+        """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.assign`."""
+        self._within("assign")(**values)
+
+    def check(self) -> None:
+        """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.check`."""
+        self._within("check")()
+
+    def _within(self, name: str) -> Any:
+        """An attribute of the controller within. Raises UserError where it has none."""
+        if not hasattr(self.controller, name):
+            raise UserError(f"mpc: {type(self.controller).__name__} has no {name}; the exact MPC has")
+        return getattr(self.controller, name)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Controller, MpcSolution, assign_stages
+from hybrid_sysid_ros.control.controller import Controller, MpcSolution, OuterController
+from hybrid_sysid_ros.control.mpc.batch import MpcAnswers
+from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.linearisation import assign
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.call import call_jacobian
@@ -123,7 +125,7 @@ def _add_effect(on_way: InputsOnTheirWay, disturbance: Array, held: Array, state
     add_effect(on_way, disturbance, held, state)
 
 
-class WaitingInputs:
+class WaitingInputs(OuterController):
     """A controller whose plans hold for the time after the longest delay; it gives each input when that one is due.
 
     The state that it is given was predicted as if the last inputs held until then. What is on its way has another
@@ -132,8 +134,9 @@ class WaitingInputs:
 
     def __init__(self, controller: Controller, system: System, *, step: float) -> None:
         """system: what the controller predicts; step: by which inputs on their way are followed [s]."""
-        self.controller = controller
-        self.horizon, self.period = controller.horizon, controller.period
+        super().__init__(controller)
+        n, m, p = len(system.states), len(system.inputs), len(system.outputs)
+        self._asked = Instance(np.zeros(n), np.zeros(m), np.zeros(m), np.zeros((self.horizon, p)))
         waits = system.delay - system.input_delays
         length = math.ceil(float(waits.max()) / step) + 2  # as many as if each step had a call
         self.on_way = InputsOnTheirWay(
@@ -147,25 +150,23 @@ class WaitingInputs:
         )
         self.reset()
 
-    def __repr__(self) -> str:
-        return f"WaitingInputs({self.controller!r})"
-
     def reset(self) -> None:
         """Forget what is on its way."""
         self.controller.reset()
         forget_inputs(self.on_way)
 
-    def assign(self, **values: Any) -> None:
-        """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.assign`."""
-        assign_stages(self.controller, values)
+    def solve_many(self, instances: Array, starts: Array | None = None, *, threads: int = 0) -> MpcAnswers:
+        """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.solve_many`: of states after the longest delay."""
+        return self._within("solve_many")(instances, starts, threads=threads)  # type: ignore[no-any-return]
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`; the plan's input is that which is due now."""
-        held = np.array(previous_input, dtype=float)
-        reached, before, due = np.array(state, dtype=float), held.copy(), np.empty(len(held))
-        _add_effect(self.on_way, np.asarray(disturbance, dtype=float), held, reached)
-        planned_last(self.on_way, before)
-        plan = self.controller.control(reached, disturbance, before, preview)
+        asked = self._asked
+        asked.assign(state, disturbance, previous_input, preview)  # compiled code relies on their shapes
+        held, due = asked.previous.copy(), np.empty(len(asked.previous))
+        _add_effect(self.on_way, asked.disturbance, held, asked.state)
+        planned_last(self.on_way, asked.previous)
+        plan = self.controller.control(*asked)
         add_inputs(self.on_way, plan.input)
         due_inputs(self.on_way, held, due)
         return plan._replace(input=due)

@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from unittest.mock import patch
 
 import numpy as np
+import pytest
 
-from hybrid_sysid_ros.control import Controller, ExactMpc
+from hybrid_sysid_ros.control import Controller, ExactMpc, waiting_inputs
 from hybrid_sysid_ros.control.waiting_inputs import WaitingInputs
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 from tests.control.two_inputs import PROBLEM, Carts
 
 STEP = PROBLEM.period / PROBLEM.substeps
@@ -56,6 +59,27 @@ def test_the_faster_input_waits_and_the_loop_is_that_of_equal_delays() -> None:
     np.testing.assert_allclose(sent[4:, 1], given[2:-2, 1], atol=1e-5)
     assert np.abs(np.diff(given[:, 1])).max() > 0.1
     assert repr(waiting).startswith("WaitingInputs(ExactMpc(Uneven: ")
+
+
+def test_parts_of_other_sizes_are_refused_before_compiled_code_writes_to_them() -> None:
+    controller = WaitingInputs(ExactMpc(Uneven(), PROBLEM), Uneven(), step=STEP)
+    sound = [np.zeros(4), np.zeros(2), np.zeros(2), np.zeros((PROBLEM.horizon, 2))]
+    with patch.object(waiting_inputs, "_add_effect") as compiled:
+        for place in range(len(sound)):
+            parts = [part[1:] if k == place else part for k, part in enumerate(sound)]
+            with pytest.raises(UserError, match="it needs"):
+                controller.control(*parts)
+        compiled.assert_not_called()
+
+
+def test_it_takes_the_problem_of_the_mpc_within_and_answers_many_at_once() -> None:
+    mpc = ExactMpc(Uneven(), PROBLEM)
+    waiting, preview = WaitingInputs(mpc, Uneven(), step=STEP), np.full((PROBLEM.horizon, 2), 0.5)
+    rows = np.concatenate([np.full(4, 0.1), np.zeros(4), preview.ravel()])[None]
+    waiting.check()
+    assert waiting.problem == mpc.problem
+    plan = mpc.control(np.full(4, 0.1), np.zeros(2), np.zeros(2), preview)
+    np.testing.assert_array_equal(waiting.solve_many(rows, threads=1).inputs[0], plan.inputs)
 
 
 def test_what_waits_is_forgotten_at_a_reset_and_never_sent_as_nan() -> None:
