@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
+from itertools import combinations, permutations
 from typing import Any
 
 import daqp
@@ -17,7 +17,7 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System, trace
 from hybrid_sysid_ros.core.intervals import Nearest, nearest
-from hybrid_sysid_ros.core.stage_values import InputValues, StageValues, depend_on_states, values_by_inputs
+from hybrid_sysid_ros.core.stage_values import InputValues, StageValues, depend_on, values_by_inputs
 from hybrid_sysid_ros.core.symbolic import symbolic_output
 from hybrid_sysid_ros.core.trace import NotFiniteError
 from hybrid_sysid_ros.support import errors
@@ -126,11 +126,13 @@ def with_terms(system: System, terms: Sequence[StageTerm], stage: Sequence[str],
 
 
 def check_terms(system: System, terms: Sequence[StageTerm], stage: Sequence[str]) -> None:
-    """Raise UserError for a formula that can't be evaluated, and for a hard bound on more than inputs."""
+    """Raise UserError for a formula that can't be evaluated or that no plan moves, and for a hard bound on more than
+    inputs; warn where two bounds contradict each other.
+    """
     if not terms:
         return
     try:
-        moving = depend_on_states(with_terms(system, terms, stage))[len(system.outputs) :]
+        moving = depend_on(with_terms(system, terms, stage), len(system.inputs))[len(system.outputs) :]
     except NotFiniteError as error:
         raise UserError(
             f"mpc: term {error.name} is not finite where states and inputs are zero; keep divisors, roots and "
@@ -142,10 +144,18 @@ def check_terms(system: System, terms: Sequence[StageTerm], stage: Sequence[str]
             f"mpc: term {culprit.name} has no finite derivatives where states and inputs are zero; keep roots, "
             "distances and angles from there, such as by sqrt(x**2 + y**2 + 1e-6)"
         )
-    for term, depends in zip(terms, moving, strict=True):
-        if term.hard and depends:
+    for term, (by_states, by_inputs) in zip(terms, moving, strict=True):
+        if not (by_states or by_inputs):
+            raise UserError(f"mpc: term {term.name}: {term.value} has neither states nor inputs, so no plan moves it")
+        if term.hard and by_states:
             raise UserError(
                 f"mpc: term {term.name}: a hard bound is for inputs alone, and {term.value} has states; make it soft"
+            )
+    for term, other in permutations(terms, 2):
+        if term.value == other.value and term.low > other.high and not (term.hard and other.hard):
+            warn(
+                f"mpc: the bounds of {term.name} and {other.name} contradict each other: {term.value} is to be at "
+                f"least {term.low:g} and at most {other.high:g}, so every plan is beyond one of them"
             )
 
 

@@ -143,11 +143,12 @@ def evaluated(text: str, known: Mapping[str, Scalar], where: str) -> Scalar:
         raise UserError(f"{where}: {errors.shown(text)} is not a number: {error}") from error
 
 
-def depend_on_states(system: System) -> list[bool]:
-    """Whether each output of a system depends on its states."""
+def depend_on(system: System, inputs: int) -> list[tuple[bool, bool]]:
+    """Whether each output of a system depends on its states, and on the first ``inputs`` inputs."""
     output = symbolic_output(system)
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
-    return [bool(casadi.depends_on(value, x)) for value in casadi.vertsplit(output(x, u))]
+    values = casadi.vertsplit(output(x, u))
+    return [(casadi.depends_on(value, x), casadi.depends_on(value, u[:inputs])) for value in values]
 
 
 class InputValues(NamedTuple):

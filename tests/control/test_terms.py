@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -141,6 +142,8 @@ def test_a_declaration_is_plain_data():
         ({"value": "1 / first", "price": 1.0}, "term broken is not finite"),
         ({"value": "hypot(first, second)", "price": 1.0}, "term broken has no finite derivatives"),
         ({"value": "first", "high": 1.0, "hard": True}, "a hard bound is for inputs alone"),
+        ({"value": "3", "price": 1.0}, "3 has neither states nor inputs"),
+        ({"value": "limit**2", "price": 1.0}, "has neither states nor inputs"),
         ({"value": "first"}, "has no effect"),
         ({"value": "first", "weight": -1.0}, "at least 0"),
         ({"value": "first", "price": float("nan")}, "needs a number"),
@@ -187,6 +190,27 @@ def test_hard_bounds_that_bend_and_leave_no_input_are_named_too():
         declared(terms={"ring": {**ring, "low": 4.0, "high": 5.0}}).sized(ARMS)
     with pytest.raises(UserError, match="the hard bounds of sine and line leave no input at stage 12, "):
         declared(terms={"sine": {**sine, "low": 0.9, "high": 1.0}, "line": {**LINE, "final": True}}).sized(ARMS)
+
+
+@pytest.mark.parametrize("value", ["log(0.5 - first)", "sqrt(0.5 - first)"])
+def test_a_plan_whose_cost_is_no_number_is_no_solution(value):
+    """Its arm swings past the end of what the formula is defined for, whatever the torque."""
+    mpc = ExactMpc(ARMS, declared(terms={"near": {"value": value, "price": 1.0}}, stage_parameters={}))
+    _, disturbance, previous, preview = instance(0)
+    plan = mpc.control(np.array([0.45, 0.0, 3.0, 0.0]), disturbance, previous, preview)
+    assert plan.status is Status.FAILED
+    row = np.concatenate([[0.45, 0.0, 3.0, 0.0], disturbance, previous, preview.ravel()])
+    assert not mpc.solve_many(row[None], threads=1).solved.any()
+
+
+def test_soft_bounds_that_contradict_each_other_are_named():
+    """One value can't be on both sides; at most 0 and at least 0 is a point."""
+    below = {"value": "first", "high": 0.0}
+    with pytest.warns(RuntimeWarning, match="bounds of above and below contradict.*at least 1 and at most 0"):
+        declared(terms={"below": below, "above": {"value": "first", "low": 1.0}}).sized(ARMS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        declared(terms={"below": below, "above": {"value": "first", "low": 0.0}}).sized(ARMS)
 
 
 def test_hard_bounds_that_seem_to_leave_no_input_are_told_as_a_guess():
