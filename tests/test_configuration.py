@@ -58,6 +58,9 @@ def test_the_section_mpc_of_a_file_adds_terms_and_riccati_s_cost(rig: Rig) -> No
 
     problem = configuration.mpc_problem(values, with_section(terms={"calm": {"value": "velocity", "weight": 2.0}}))
     assert [term.name for term in problem.terms] == ["calm"]
+    plain = configuration.mpc_problem(values, rig)
+    floors = [configuration.noise_cost(rig, item.sized(rig.system)) for item in (problem, plain)]
+    assert floors[0] == floors[1]
     ended = configuration.mpc_problem(values, with_section(riccati_at=0.01))
     assert ended.terms
     assert all(term.final and term.name.startswith("riccati") for term in ended.terms)

@@ -335,7 +335,8 @@ def _noise(rig: Rig) -> Array:
 
 def noise_cost(rig: Rig, problem: ControlProblem) -> float:
     """Cost of an error as large as the sensors' noise, at one sample."""
-    return float(np.sum(problem.stage_weights.outputs[0] * _noise(rig) ** 2))
+    noise = _noise(rig)
+    return float(np.sum(problem.stage_weights.outputs[0, : len(noise)] * noise**2))  # those of terms follow
 
 
 def offset_drifts(rig: Rig) -> dict[str, float]:
