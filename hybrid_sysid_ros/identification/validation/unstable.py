@@ -49,7 +49,8 @@ def check_free_run(system: System, experiment: PreparedRecord) -> None:
             f"an open free run over {seconds:.0f} s is meaningless for an unstable system: an error grows by e in "
             f"{1.0 / fastest_growth(system):.3g} s"
         )
-    elif (parting := parts_from(system, experiment)) is not None:
+    elif np.ptp(experiment.outputs, axis=0).all() and (parting := parts_from(system, experiment)) is not None:
+        # an output that never moves has no score, which is the thing to say of it
         why = f"no free run is sure: from {parting:.3g} s on, what is not known of the start leads either way"
     else:
         return
