@@ -11,7 +11,7 @@ from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.operating_point.cheapest_rest import cheapest_rest
 from hybrid_sysid_ros.extensions.operating_point.terminal_cost import STILL, riccati_terms
-from hybrid_sysid_ros.extensions.shared.steady_motion import SteadyMotion, jacobian_at
+from hybrid_sysid_ros.extensions.shared.steady_motion import STEADY, SteadyMotion, jacobian_at
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -57,12 +57,15 @@ def _point(system: System, given: Any, key: str) -> Array:
 
 
 def _check_within(system: System, problem: ControlProblem, rest: SteadyMotion, where: str) -> None:
-    """Raise UserError, which begins with where, for a steady motion beyond a bound of an input or a state."""
-    items = (*system.inputs, *system.states)
-    values = [*rest.inputs.tolist(), *rest.state.tolist()]
-    lowest, highest = (*problem.input_low, *problem.state_low), (*problem.input_high, *problem.state_high)
-    for item, value, low, high in zip(items, values, lowest, highest, strict=True):
-        if not low <= value <= high:
-            raise UserError(
-                f"{where}, {item.name} would be {value:.4g}, beyond its bounds {low:g} and {high:g}; give other outputs"
-            )
+    """Raise UserError, which begins with where, for a steady motion beyond a bound of an input or a state by more than
+    rounding, and name the one that is furthest beyond.
+    """
+    values = np.array([*rest.inputs, *rest.state])
+    low, high = np.array([*problem.input_low, *problem.state_low]), np.array([*problem.input_high, *problem.state_high])
+    beyond = np.maximum(low - values, values - high) / (1.0 + np.abs(values))
+    worst = int(np.argmax(beyond))
+    if not beyond[worst] <= STEADY:
+        raise UserError(
+            f"{where}, {(*system.inputs, *system.states)[worst].name} would be {values[worst]:.4g}, beyond its bounds "
+            f"{low[worst]:g} and {high[worst]:g}; give other outputs"
+        )

@@ -33,6 +33,15 @@ def test_inputs_cost_nothing_at_an_operating_point():
         about(ARMS, replace(PROBLEM, input_low=(-0.01,), input_high=(0.01,)), [0.2, 0.0])
 
 
+def test_an_input_may_rest_at_its_bound():
+    """Rounding leads beyond it; of several beyond their bounds the furthest is named."""
+    point = steady_motion(ARMS, PROBLEM, np.array([0.2, 0.0])).inputs
+    about(ARMS, replace(PROBLEM, input_low=tuple(point + 1e-14)), [0.2, 0.0])
+    furthest = str(ARMS.inputs[int(np.argmax(np.abs(point)))]).split()[0]
+    with pytest.raises(UserError, match=f"{furthest} would be"):
+        about(ARMS, replace(PROBLEM, input_low=(-1e-3,), input_high=(1e-3,)), [0.2, 0.0])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Basin(System):
     """x' = pump + 2 spring - x: two inputs for one level."""
