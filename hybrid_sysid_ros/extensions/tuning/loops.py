@@ -21,6 +21,7 @@ from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.runtime.parameters import check_rules
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 NODES = ("controller", "estimator")
 FACTORS = {
@@ -74,7 +75,9 @@ class Loops:
 
     @property
     def space(self) -> dict[str, Option]:
-        """What may be varied: factors of those parameters that are not 0, and the horizon."""
+        """What may be varied: factors of those parameters that are not 0, and the horizon, where the file's section mpc
+        has nothing that fits its own alone, such as intervals.
+        """
         found = {
             name: Option(default=1.0, low=LEAST, high=MOST, kind="log", description=f"factor of the {what}")
             for name, what in FACTORS.items()
@@ -82,6 +85,8 @@ class Loops:
         }
         own = int(self.shipped["controller"]["horizon"])
         low, high = max(own // 3, 2), 2 * own
+        if not (self._takes(low) and self._takes(high)):
+            return found
         return found | {
             HORIZON: Option(default=own, low=low, high=high, kind="int", description="intervals of the MPC")
         }
@@ -165,6 +170,14 @@ class Loops:
             settings=values["estimator"],
         )
         return self.judged(loop)
+
+    def _takes(self, horizon: int) -> bool:
+        """Whether the MPC's problem can have a horizon."""
+        try:
+            configuration.mpc_problem(self.shipped["controller"] | {"horizon": horizon}, self.rig, self._system)
+        except UserError:
+            return False
+        return True
 
     @cached_property
     def _system(self) -> Any:

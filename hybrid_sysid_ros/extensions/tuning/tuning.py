@@ -65,10 +65,10 @@ def tune(
     while (missing := count - len(trials.finished)) > 0:
         asked = [trials.ask() for _ in range(min(missing, count_of(workers)))]
         found = parallel.run(partial(_tried, loops), [trial.params for trial in asked], workers=workers)
-        for trial, measures in zip(asked, found, strict=True):
-            trials.tell(trial, measures)
-        if not any(found):
-            raise UserError("no trial of these can be simulated: the parameters of the rig's nodes refuse their values")
+        for trial, tried in zip(asked, found, strict=True):
+            trials.tell(trial, None if isinstance(tried, UserError) else tried)
+        if all(isinstance(tried, UserError) for tried in found):
+            raise UserError(f"no trial of these can be simulated: {found[0]}")
         progress(len(trials.finished), count)
     finished = trials.finished
     best = best_of(finished, aim)
@@ -88,11 +88,12 @@ def tune(
     )
 
 
-def _tried(loops: Loops, options: Options) -> Measures | None:
+def _tried(loops: Loops, options: Options) -> Measures | UserError:
+    """What loops say, or why they can't be simulated."""
     try:
         return loops.measures(options)[0]
-    except UserError:
-        return None
+    except UserError as error:
+        return error
 
 
 def _unseen(loops: Loops, options: Options) -> tuple[Measures, Any]:

@@ -59,6 +59,13 @@ def test_options_are_factors_of_what_ships_and_the_horizon(loops):
     assert found["controller"] == {"rate_weight": [2.0 * item for item in own["rate_weight"]], "horizon": 15}
 
 
+def test_the_horizon_stays_where_the_file_has_intervals_for_it(loops):
+    assert HORIZON in loops.space
+    held = {"intervals": [1] * defaults(loops.rig, "controller")["horizon"]}
+    rig = replace(loops.rig, content={**loops.rig.content, "mpc": held})
+    assert loops.space.keys() - replace(loops, rig=rig).space.keys() == {HORIZON}
+
+
 def test_references_of_several_outputs_have_a_centre_each(loops):
     rig = load_rig("flexible_joint")
     spread = replace(loops, rig=rig, model=load_model(shipped(rig.name, "model"))).spread
