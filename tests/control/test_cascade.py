@@ -68,7 +68,7 @@ def test_parameters_of_the_stages_reach_the_controller_and_are_refused_where_the
     )
     Cascade(inner, stabilised, LIMITS).assign(most=1.0)
     np.testing.assert_array_equal(inner.shooting.prediction.stage, 1.0)
-    with pytest.raises(UserError, match="Asked has no stage parameters, but was given most"):
+    with pytest.raises(UserError, match="Asked has no assign"):
         Cascade(Asked(), stabilised, LIMITS).assign(most=1.0)
 
 
