@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +20,7 @@ from hybrid_sysid_ros.identification.validation.bands import bands_of
 from hybrid_sysid_ros.identification.validation.evaluation import ModelEvaluation, evaluation
 from hybrid_sysid_ros.identification.validation.identifiability import doubts, unexplained
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
-from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
+from hybrid_sysid_ros.identification.validation.unstable import UnsureRunError, check_free_run, stabilised_run
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import PartLike, RigLike, SamplingLike
 from hybrid_sysid_ros.models import Sampling, storage
@@ -85,7 +86,8 @@ class Model(models.Model):
         rig = rigs.load(self.rig)
         experiment = experiment_of(self, arguments.record_of(record, rig), part=arguments.part_of(part))
         if rig.experiments.stabiliser is None:
-            check_free_run(self.system, experiment)
+            with suppress(UnsureRunError):  # of a short part the start is much; its bands say how much
+                check_free_run(self.system, experiment)
             states, outputs = free_run_states(self.system, experiment)
         else:
             states, outputs = stabilised_run(self.system, experiment, rig.experiments.stabiliser)

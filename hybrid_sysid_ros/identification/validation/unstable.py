@@ -27,12 +27,17 @@ PAST, APART = 2.0, 0.5
 """Seconds of a record from which the initial state of a prediction is estimated, and seconds between predictions."""
 SECOND = 20
 """Samples that count as a second for a rig without a stabiliser, whose period may be microseconds or hours."""
+REMEDY = "judge it by predictions of some seconds, and in closed loop"
 AHEAD = ((1.0, False), (5.0, False), (20.0, True))
 """Horizons [s] of predictions, and whether the stabiliser closes them."""
 
 
 class UnstableError(UserError):
     """A free run is meaningless, since the system is unstable."""
+
+
+class UnsureRunError(UnstableError):
+    """A free run could go either way, by what is not known of its start."""
 
 
 def check_free_run(system: System, experiment: PreparedRecord) -> None:
@@ -52,9 +57,10 @@ def check_free_run(system: System, experiment: PreparedRecord) -> None:
     elif np.ptp(experiment.outputs, axis=0).all() and (parting := parts_from(system, experiment)) is not None:
         # an output that never moves has no score, which is the thing to say of it
         why = f"no free run is sure: from {parting:.3g} s on, what is not known of the start leads either way"
+        raise UnsureRunError(f"{experiment.name}: {why}; {REMEDY}")
     else:
         return
-    raise UnstableError(f"{experiment.name}: {why}; judge it by predictions of some seconds, and in closed loop")
+    raise UnstableError(f"{experiment.name}: {why}; {REMEDY}")
 
 
 def has_free_run(system: System, experiment: PreparedRecord) -> bool:
