@@ -91,7 +91,8 @@ class OuterController:
     @property
     def problem(self) -> ControlProblem:
         """What the controller within solves."""
-        return self._within("problem")  # type: ignore[no-any-return]
+        problem: ControlProblem = self._within("problem")
+        return problem
 
     def assign(self, **values: Any) -> None:
         """See :meth:`~hybrid_sysid_ros.control.mpc.mpc.ExactMpc.assign`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,6 +13,7 @@ import numpy as np
 
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification import identify as identified
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.identify import experiment_of
@@ -84,9 +85,11 @@ class Model(models.Model):
     def free_run(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> FreeRun:
         """Simulate a part of a record from one initial state. Raises UserError as :meth:`score` does."""
         rig = rigs.load(self.rig)
-        experiment = experiment_of(self, arguments.record_of(record, rig), part=arguments.part_of(part))
+        chosen = arguments.part_of(part)
+        experiment = experiment_of(self, arguments.record_of(record, rig), part=chosen)
         if rig.experiments.stabiliser is None:
-            with suppress(UnsureRunError):  # of a short part the start is much; its bands say how much
+            # what is not known of its start is much beside the spread of a short part, which does not make it unsure
+            with suppress(UnsureRunError) if chosen != Part() else nullcontext():
                 check_free_run(self.system, experiment)
             states, outputs = free_run_states(self.system, experiment)
         else:
